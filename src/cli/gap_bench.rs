@@ -27,6 +27,8 @@ use springtwin::robot::RobotSpec;
 ///   `aliens` even seeds: one of the effects that the table does not have; odd seeds: one of the
 ///            table, which the finder has to do without (`gap run --without ID`); 4 times the floor
 ///   pairs    two effects of different sides, each 4 times the floor
+///   onsets   one effect at 4 or 8 times the floor that begins between 25 and 65 % of the session; only
+///            with --only onsets
 ///
 /// 30 seeds are 190 cases. Channels, signs and sizes are drawn from the seed. An effect whose bounds
 /// keep it from the strength stands on the rung that it reaches.
@@ -173,6 +175,7 @@ enum CaseAbout {
     Null,
     Alien,
     Pair,
+    Begun,
 }
 
 impl CaseAbout {
@@ -182,6 +185,7 @@ impl CaseAbout {
             Self::Null => About::Null,
             Self::Alien => About::Alien,
             Self::Pair => About::Pair,
+            Self::Begun => About::Begun,
         }
     }
 }

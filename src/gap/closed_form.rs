@@ -107,6 +107,25 @@ fn the_nuisance_is_projected_out_as_by_the_formula() {
     assert!((p.cleaned(&b) - &m * &b).amax() < 1e-9);
 }
 
+/// Columns that are zero before a stretch begins, each by the formula.
+#[test]
+fn columns_that_begin_later_are_projected_by_the_formula() {
+    let (n, lambda) = nuisance();
+    let m = projection(&n, &lambda);
+    let (r, j) = (matrix(ROWS, 1, 6), columns());
+    let p = problem(r.column(0).into(), j.clone());
+    let clean = p.cleaned(&r);
+    let edges = p.edges();
+    let begun = p.from_each(&j, &clean, edges);
+    assert_eq!(begun.len(), edges.len() - 1);
+    for ((gram, right), first) in begun.iter().zip(edges) {
+        let mut later = j.clone();
+        later.rows_mut(0, *first).fill(0.0);
+        assert!((gram - later.transpose() * &m * &later).amax() < 1e-9);
+        assert!((right - later.transpose() * &m * &r).amax() < 1e-9);
+    }
+}
+
 /// Each held-out block's loss against nuisance and columns fitted to the other folds by the normal equations in full.
 #[test]
 fn what_folds_leave_is_a_fit_to_the_other_blocks() {

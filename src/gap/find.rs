@@ -381,6 +381,7 @@ impl Search<'_> {
         let whole = traces_before(replayed)?;
         let later = std::mem::take(&mut found.finding.traces);
         found.finding.traces = whole.ending_with(later);
+        found.finding.traces.begins_s = Some(onset.ci95);
         Ok(Some((found, active)))
     }
 }

@@ -245,7 +245,7 @@ impl Page<'_> {
         let t = &self.finding.traces;
         let end = heat::scale(&t.before);
         let map = |title: &str, rows: &[Vec<f64>], caption: &str| {
-            heat::map(title, &t.channels, &t.t_s, rows, end)
+            heat::map(title, t, rows, end)
                 .map(|m| self.figure(&m, caption))
                 .unwrap_or_default()
         };

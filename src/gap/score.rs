@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::finding::Verdict;
+use super::finding::{Onset, Verdict};
 pub use counting::{median, median_ci95, score, wilson};
 
 /// Strengths of the graded cases, x noise floor.
@@ -34,6 +34,8 @@ pub enum About {
     Alien,
     /// Two effects.
     Pair,
+    /// One effect of the table that begins within the session.
+    Begun,
 }
 
 /// The answer key of a case.
@@ -45,6 +47,9 @@ pub struct Key {
     pub strength: f64,
     /// What is hidden.
     pub effects: Vec<KeyEffect>,
+    /// When it begins, s; none for what is there from the start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub onset_s: Option<f64>,
 }
 
 /// One hidden effect.
@@ -84,6 +89,9 @@ pub struct Said {
     /// The gap before and after.
     #[serde(default)]
     pub gap: Option<SaidGap>,
+    /// When it began.
+    #[serde(default)]
+    pub onset: Option<Onset>,
     /// Wall time, s.
     #[serde(default)]
     pub seconds: Option<f64>,
@@ -187,6 +195,21 @@ pub struct Aliens {
     pub unknown: Share,
     /// Missed.
     pub nothing: Share,
+}
+
+/// Results on effects that begin within the session.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Onsets {
+    /// The first effect that is named is the right one.
+    pub named: Share,
+    /// Of those, a beginning is found.
+    pub found: Share,
+    /// Of the beginnings that are found, the 95 % interval holds the true one.
+    pub covered: Share,
+    /// Their error, s.
+    pub error_s: Middle,
+    /// Of all other sessions, a beginning is claimed.
+    pub claimed: Share,
 }
 
 /// Results on sessions without an effect.
@@ -316,6 +339,8 @@ pub struct Score {
     pub aliens: Aliens,
     /// Pairs.
     pub pairs: Pairs,
+    /// Effects that begin within the session.
+    pub onsets: Onsets,
     /// Relative error of all parameters of effects that were named on the right channel.
     pub param_error: Middle,
     /// How often their 95 % interval holds the true value.

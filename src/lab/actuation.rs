@@ -233,6 +233,7 @@ mod tests {
             worse: Vec::new(),
             channels: Vec::new(),
             embargo_s: 0.0,
+            onset: None,
             folds: Vec::new(),
             failed_folds: Vec::new(),
             proof: None,

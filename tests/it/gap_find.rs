@@ -64,6 +64,37 @@ fn two_effects_in_one_session_are_both_named() {
     assert!(found["gap"]["closed"].as_f64().unwrap() > 0.8, "{found}");
 }
 
+/// A spring's circuit changes while the arm works: the time is found beside the effect, and what follows is judged by itself. An
+/// effect that is there from the start has no beginning.
+#[test]
+fn what_begins_within_the_session_is_named_with_its_time() {
+    let dir = scratch("gap-onset");
+    let made = |name: &str, seed: &str, hidden: &[&str]| {
+        let mut args = vec!["--seed", seed, "--seconds", "60"];
+        args.extend(hidden);
+        session(&dir, name, &args)
+    };
+    let healthy = made("healthy", "1", &[]);
+    let later = "spring-calibration:4=1.06,0.002@25";
+    let suspect = made("suspect", "2", &["--hide", later]);
+    let found = find(&healthy, &suspect, &[]);
+    assert_eq!(found["verdict"], "named", "{found}");
+    assert_eq!(names(&found), [("spring-calibration".to_owned(), Some(4))]);
+    let number = |v: &Value| v.as_f64().expect("a number");
+    let onset = &found["onset"];
+    let [low, high] = [0, 1].map(|i| number(&onset["ci95"][i]));
+    assert!(low < 25.0 && 25.0 < high && high - low < 5.0, "{onset}");
+    assert!((number(&onset["t_s"]) - 25.0).abs() < 1.0, "{onset}");
+    let notes = found["notes"].to_string();
+    assert!(notes.contains("It begins at 2"), "{notes}");
+    assert!(number(&found["gap"]["closed"]) > 0.8, "{found}");
+    let whole = later.trim_end_matches("@25");
+    let whole = made("whole", "3", &["--hide", whole]);
+    let found = find(&healthy, &whole, &[]);
+    assert_eq!(names(&found), [("spring-calibration".to_owned(), Some(4))]);
+    assert!(found["onset"].is_null(), "{found}");
+}
+
 /// Two bellows touch each other, which no effect of the table is: the law is found, holds under another excitation, and moves the
 /// arm of a robot file that has it.
 #[test]

@@ -209,6 +209,51 @@ mod rig_a {
         assert_named("clock-offset", "clock-offset", None, &[("offset", s)]);
     }
 
+    /// With cameras on commissioning day alone: what springs and IMUs can show is named, and nothing else.
+    #[test]
+    fn without_motion_capture_the_same_is_named() {
+        let robot = springtwin::robot::RobotSpec::reference();
+        let table = springtwin::sim::effects::table();
+        let healthy = gap::Commissioned::new(&robot, &[grid("commissioning")], &gap::Unwatched);
+        let healthy = healthy.expect("a healthy rig");
+        let imu = truth("imu-drift", "imu") as usize + 1;
+        let spring = truth("spring-calibration", "spring") as usize + 1;
+        let hidden = [
+            ("none", None),
+            ("clock-offset", None),
+            ("payload", Some(None)),
+            ("hysteresis", Some(None)),
+            ("creep", Some(None)),
+            ("pressure-lag", Some(None)),
+            ("spring-calibration", Some(Some(spring))),
+            ("imu-drift", Some(Some(imu))),
+        ];
+        for (name, wanted) in hidden {
+            let mut session = grid(name).session;
+            session.captured.fill(None);
+            let suspect = gap::Grid::new(session).expect("springs and IMUs are left");
+            let found = gap::find(
+                &robot,
+                &table,
+                gap::Healthy::Commissioned(&healthy),
+                &[suspect],
+                &gap::Options::default(),
+                &gap::Unwatched,
+            );
+            let finding = found.expect("a finding").finding;
+            println!("{name}: {:?} {:?}", finding.verdict, finding.effects);
+            let effects = finding.effects.iter().map(|e| (e.id.as_str(), e.target));
+            let effects: Vec<_> = effects.collect();
+            match wanted {
+                None => assert_eq!(finding.verdict, gap::Verdict::NothingMissing, "{name}"),
+                Some(target) => {
+                    assert_eq!(finding.verdict, gap::Verdict::Named, "{name}");
+                    assert_eq!(effects, [(name, target)]);
+                }
+            }
+        }
+    }
+
     /// A cause that is not in the table, nor what acts as it does, does not become another cause's name.
     #[test]
     fn without_the_loads_in_the_table_nothing_is_named() {

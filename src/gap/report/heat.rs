@@ -8,6 +8,8 @@ use std::io::Cursor;
 
 use image::{ImageFormat, Rgba, RgbaImage};
 
+use crate::gap::finding::Traces;
+
 use super::markup::{at, base64, escape, fixed, label, line, rect, svg, ticks};
 
 /// Columns of the picture at most.
@@ -107,14 +109,9 @@ fn groups(channels: &[String]) -> Vec<(String, usize)> {
     groups
 }
 
-/// The map of `rows` with names and time axis; `end` is the end of the colour scale in floors.
-pub(super) fn map(
-    title: &str,
-    channels: &[String],
-    t_s: &[f64],
-    rows: &[Vec<f64>],
-    end: f64,
-) -> Option<String> {
+/// The map of `rows`, of the channels and times of `traces`, with names and time axis; `end` is the end of the colour scale in floors.
+pub(super) fn map(title: &str, traces: &Traces, rows: &[Vec<f64>], end: f64) -> Option<String> {
+    let (channels, t_s) = (&traces.channels[..], &traces.t_s[..]);
     let rows = &rows[..rows.len().min(channels.len())];
     let data = picture(rows, end)?;
     let (wide, high) = (WIDTH - LEFT - 12.0, ROW * rows.len() as f64);
@@ -138,8 +135,23 @@ pub(super) fn map(
         body += &line([LEFT - 70.0, y], [LEFT + wide, y], "rule");
     }
     body += &rect([LEFT, TOP], [wide, high], "frame");
+    body += &beginning(traces, [LEFT, TOP], [wide, high]);
     body += &time_axis(t_s, LEFT, wide, TOP + high);
     Some(svg(WIDTH, TOP + high + 36.0, title, &body))
+}
+
+/// When what is missing begins, over a picture: a line, and the width of its interval.
+pub(super) fn beginning(traces: &Traces, [left, top]: [f64; 2], [wide, high]: [f64; 2]) -> String {
+    let (Some(begins_s), Some(from), Some(to)) =
+        (traces.begins_s, traces.t_s.first(), traces.t_s.last())
+    else {
+        return String::new();
+    };
+    let [a, b] = begins_s.map(|t| left + wide * ((t - from) / (to - from)).clamp(0.0, 1.0));
+    let x = 0.5 * (a + b);
+    rect([a, top], [b - a, high], "begins")
+        + &line([x, top], [x, top + high], "chance")
+        + &label(x + 4.0, top + 11.0, "small", "begins")
 }
 
 /// Ticks and name of the time axis below a picture.

@@ -1,6 +1,6 @@
 //! The other pictures: size of the gap, ranking, groups of channels, way of the tip.
 
-use super::heat::time_axis;
+use super::heat::{beginning, time_axis};
 use super::markup::{fixed, label, line, number, path, percent, rect, svg, ticks, with_error};
 use super::words::ranked_name;
 use crate::gap::finding::{ChannelError, Explained, GapSize, Ranked, Traces};
@@ -288,6 +288,7 @@ pub(super) fn tip(traces: &Traces) -> String {
                 class,
             );
         }
+        body += &beginning(traces, [LEFT, top], [wide, HIGH]);
         bottom = top + HIGH;
     }
     if bottom == 0.0 {

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::{
-    About, Aliens, Confusion, FINDABLE, Key, KeyEffect, KeyValue, Line, Middle, Nulls, Pairs,
-    ParamLine, RUNGS, Rung, STRONG, Said, SaidEffect, Score, Scored, Share, State, Target,
+    About, Aliens, Confusion, FINDABLE, Key, KeyEffect, KeyValue, Line, Middle, Nulls, Onsets,
+    Pairs, ParamLine, RUNGS, Rung, STRONG, Said, SaidEffect, Score, Scored, Share, State, Target,
 };
-use crate::gap::Verdict;
+use crate::gap::{Onset, Verdict};
 use crate::sim::effects::{EFFECTS, Effect};
 
 /// Normal quantile of a two-sided 95 % interval.
@@ -193,7 +193,7 @@ impl Scored {
 
     fn right(&self) -> bool {
         match self.key.kind {
-            About::Single => self.exact(),
+            About::Single | About::Begun => self.exact(),
             About::Null => self.verdict(Verdict::NothingMissing),
             About::Alien => self.verdict(Verdict::Unknown),
             About::Pair => self.found() == 2 && self.said.effects.len() == 2,
@@ -308,6 +308,7 @@ pub fn score(cases: &[Scored]) -> Score {
         nulls: score_nulls(&nulls),
         aliens: score_aliens(&aliens),
         pairs: score_pairs(&pairs),
+        onsets: score_onsets(cases),
         param_error: middle(&params.errors()),
         param_covered: params.covered(),
         params: params.lines(),
@@ -388,6 +389,22 @@ fn score_pairs(pairs: &[&Scored]) -> Pairs {
         both_full_strength: share(&full, |c| c.found() == 2),
         one: share(pairs, |c| c.found() == 1),
         in_set: share(pairs, |c| c.in_set()),
+    }
+}
+
+fn score_onsets(cases: &[Scored]) -> Onsets {
+    let (begun, others): (Vec<&Scored>, Vec<&Scored>) =
+        cases.iter().partition(|c| c.key.onset_s.is_some());
+    let named: Vec<&Scored> = begun.iter().copied().filter(|c| c.top1()).collect();
+    let pair = |c: &&Scored| Some((c.key.onset_s?, c.said.onset?));
+    let found: Vec<(f64, Onset)> = begun.iter().filter_map(pair).collect();
+    let errors: Vec<f64> = found.iter().map(|(s, o)| (o.t_s - s).abs()).collect();
+    Onsets {
+        named: share(&begun, |c| c.top1()),
+        found: share(&named, |c| c.said.onset.is_some()),
+        covered: share(&found, |(s, o)| (o.ci95[0]..=o.ci95[1]).contains(s)),
+        error_s: middle(&errors),
+        claimed: share(&others, |c| c.said.onset.is_some()),
     }
 }
 

@@ -83,7 +83,33 @@ impl Score {
             row("pair: one at least in a set", &self.pairs.in_set),
         ];
         out += &table(&["", "share"], rows);
+        out += &self.beginnings();
         out
+    }
+
+    fn beginnings(&self) -> String {
+        let o = &self.onsets;
+        if o.named.of == 0 {
+            return format!(
+                "\nA beginning within the session is claimed in {} of sessions in which nothing begins.\n",
+                shown(&o.claimed)
+            );
+        }
+        let rows = vec![
+            vec!["named first".to_owned(), shown(&o.named)],
+            vec!["- with a beginning".to_owned(), shown(&o.found)],
+            vec![
+                "the 95 % interval holds the true one".to_owned(),
+                shown(&o.covered),
+            ],
+            vec![
+                "error, median and largest".to_owned(),
+                format!("{}, {}", seconds(o.error_s.median), seconds(o.error_s.max)),
+            ],
+            vec!["claimed where nothing begins".to_owned(), shown(&o.claimed)],
+        ];
+        let head = "\n## Effects that begin within the session (simulated)\n\n";
+        head.to_owned() + &table(&["", ""], rows)
     }
 
     fn parameters(&self) -> String {

@@ -16,6 +16,7 @@ fn hidden(id: &str, target: Option<usize>, name: &str, value: f64) -> KeyEffect 
 
 fn key(kind: About, strength: f64, effects: Vec<KeyEffect>) -> Key {
     Key {
+        onset_s: None,
         kind,
         strength,
         effects,

@@ -124,6 +124,7 @@ fn answer() -> Answer {
         none: None,
     };
     Answer {
+        onset_s: None,
         kind: About::Single,
         strength: 4.0,
         effects: vec![KeyEffect {

@@ -34,6 +34,8 @@ const MOST_TRIALS: usize = 8;
 const NEARLY_NOTHING: f64 = 0.02;
 /// Sample rate of the runs that size an effect, Hz.
 const SIZING_HZ: f64 = 20.0;
+/// Part of the session in which an effect may begin: enough is left before and after.
+const BEGINS: Range<f64> = 0.25..0.65;
 /// Length of a run that sizes an effect which does not change with time, s.
 const SIZING_S: f64 = 50.0;
 /// Samples of the healthy session per one that is replayed for the noise floor.
@@ -52,6 +54,8 @@ pub enum CaseKind {
     Unmodelled,
     /// Two effects of different sides.
     Pair,
+    /// One effect of the table that begins within the session.
+    Begun,
 }
 
 /// A blind case. The sessions are made by [`crate::lab::session()`].
@@ -74,6 +78,8 @@ pub struct Truth {
     pub strength: f64,
     /// What is hidden.
     pub effects: Vec<Answer>,
+    /// When it begins, s; none for what is there from the start.
+    pub onset_s: Option<f64>,
 }
 
 /// One hidden effect in the answer key.
@@ -152,6 +158,10 @@ pub fn case_like(
         kind,
         strength: if kinds.is_empty() { 0.0 } else { strength },
         effects: Vec::new(),
+        onset_s: (kind == CaseKind::Begun).then(|| {
+            let share = sample_rng(seed, 0x0b5e).random_range(BEGINS);
+            share * plan.seconds
+        }),
     };
     let mut hidden = Vec::new();
     if !kinds.is_empty() {
@@ -166,7 +176,7 @@ pub fn case_like(
                 capped: (sized.reached / strength - 1.0).abs() > CLOSE_ENOUGH,
                 ..Answer::new(&sized.hidden)
             });
-            hidden.push(sized.hidden);
+            hidden.push(sized.hidden.from(truth.onset_s.unwrap_or(0.0)));
         }
     }
     Ok(Case {

@@ -116,6 +116,7 @@ fn kind_of(about: About) -> CaseKind {
         About::Null => CaseKind::Null,
         About::Alien => CaseKind::Unmodelled,
         About::Pair => CaseKind::Pair,
+        About::Begun => CaseKind::Begun,
     }
 }
 
@@ -126,9 +127,11 @@ fn key_of(case: &Case) -> Key {
             CaseKind::Null => About::Null,
             CaseKind::Unmodelled => About::Alien,
             CaseKind::Pair => About::Pair,
+            CaseKind::Begun => About::Begun,
         },
         strength: case.truth.strength,
         effects: case.truth.effects.iter().map(key_effect).collect(),
+        onset_s: case.truth.onset_s,
     }
 }
 
@@ -182,6 +185,7 @@ impl Maker<'_> {
             About::Null => "null",
             About::Alien => "alien",
             About::Pair => "pair",
+            About::Begun => "begun",
         };
         let mut command = Command::new(self.program);
         if let Some(file) = self.robot_file {

@@ -24,11 +24,13 @@ pub enum Part {
     Ladder,
     /// What no table has, for the search of a law: proved on a third session.
     Laws,
+    /// One effect at 4 or 8 times the floor that begins within the session; only when asked for.
+    Onsets,
 }
 
 impl Part {
     /// All parts, each with its name and its content.
-    pub const ALL: [(Self, &'static str, &'static str); 6] = [
+    pub const ALL: [(Self, &'static str, &'static str); 7] = [
         (
             Self::Laws,
             "laws",
@@ -50,6 +52,11 @@ impl Part {
             Self::Ladder,
             "ladder",
             "One effect at 0.5 and 1 times the floor",
+        ),
+        (
+            Self::Onsets,
+            "onsets",
+            "One effect that begins within the session (only when asked for)",
         ),
     ];
 
@@ -74,6 +81,8 @@ const LOW: [f64; 2] = [0.5, 1.0];
 const LOW_EVERY: u64 = 3;
 /// Strength of unmodelled effects and of each member of a pair.
 const CLEAR: f64 = 4.0;
+/// Strengths of what begins within a session, in turn.
+const BEGUN: [f64; 2] = [4.0, 8.0];
 /// Changes when the same plan makes other sessions.
 const EDITION: u32 = 2;
 
@@ -141,7 +150,7 @@ impl Suite {
     /// All cases, in the order of their names, which is none.
     pub fn cases(&self) -> Vec<Planned> {
         let wanted = |p: &Planned| match self.parts.is_empty() {
-            true => p.part != Part::Laws,
+            true => !matches!(p.part, Part::Laws | Part::Onsets),
             false => self.parts.contains(&p.part),
         };
         let seeds = (0..self.seeds).map(|i| self.first_seed.wrapping_add(i));
@@ -192,6 +201,9 @@ impl Suite {
         let kind = aliens[(seed % aliens.len() as u64) as usize];
         add(Part::Laws, About::Alien, CLEAR, &[kind], None);
         add(Part::Laws, About::Null, 0.0, &[], None);
+        let kind = nth(seed, 10, 22);
+        let strength = BEGUN[(seed % 2) as usize];
+        add(Part::Onsets, About::Begun, strength, &[kind], None);
         out
     }
 
@@ -297,7 +309,7 @@ mod tests {
                 About::Null => assert!(sides.is_empty()),
                 About::Pair => assert!(sides.len() == 2 && sides[0].1 != sides[1].1),
                 About::Alien => assert_eq!(c.without.is_some(), sides[0].0 == Class::Known),
-                About::Single => assert_eq!(sides[0].0, Class::Known),
+                About::Single | About::Begun => assert_eq!(sides[0].0, Class::Known),
             }
         }
     }

@@ -36,6 +36,8 @@ pub struct Chart<'a> {
     pub range_s: [f64; 2],
     /// A vertical line, s.
     pub mark_s: Option<f64>,
+    /// Interval of the time at which what is missing begins, s.
+    pub begins_s: Option<[f64; 2]>,
     /// Half of a grey band around zero: what a healthy rig stays within.
     pub band: Option<f64>,
     /// The vertical axis never shows less than this.
@@ -112,6 +114,14 @@ impl Chart<'_> {
                         .axis(Axis::Y)
                         .fill(p.line.gamma_multiply(0.5))
                         .border_width(0.0);
+                    plot.span(span);
+                }
+                if let Some([from, to]) = self.begins_s {
+                    let span = Span::new("begins", from..=to)
+                        .axis(Axis::X)
+                        .fill(p.line.gamma_multiply(0.7))
+                        .border_color(p.weak)
+                        .border_width(1.0);
                     plot.span(span);
                 }
                 for line in &self.lines {

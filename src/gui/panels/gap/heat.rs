@@ -1,7 +1,7 @@
 //! Residuals over time as a map: one row per channel, one column per instant, in multiples of the noise floor.
 
 use egui::{
-    Color32, ColorImage, EventFilter, FontId, Key, Rect, Role, Sense, Stroke, StrokeKind,
+    Color32, ColorImage, EventFilter, FontId, Key, Rect, Role, Sense, Shape, Stroke, StrokeKind,
     TextureHandle, TextureOptions, Ui, WidgetInfo, pos2, vec2,
 };
 
@@ -39,6 +39,8 @@ pub struct HeatMap<'a> {
     pub channels: &'a [String],
     /// Times, s.
     pub t_s: &'a [f64],
+    /// Interval of the time at which what is missing begins, s.
+    pub begins_s: Option<[f64; 2]>,
     /// Residuals in multiples of the noise floor.
     pub rows: &'a [Vec<f64>],
     /// End of the colour scale, in multiples of the noise floor.
@@ -116,6 +118,7 @@ impl HeatMap<'_> {
         }
         self.names(ui, map, selected.channel, &p);
         self.time_axis(ui, map, &p);
+        self.beginning(ui, map, &p);
         let x = map.left() + (selected.bin as f32 + 0.5) / n as f32 * map.width();
         let y = map.top() + selected.channel as f32 * row_high;
         let row = Rect::from_min_size(pos2(map.left(), y), vec2(map.width(), row_high));
@@ -181,6 +184,37 @@ impl HeatMap<'_> {
             }
             group = word;
         }
+    }
+
+    fn beginning(&self, ui: &Ui, map: Rect, p: &Palette) {
+        let (Some(begins_s), Some(from), Some(to)) =
+            (self.begins_s, self.t_s.first(), self.t_s.last())
+        else {
+            return;
+        };
+        let x =
+            |t: f64| map.left() + ((t - from) / (to - from)).clamp(0.0, 1.0) as f32 * map.width();
+        let [a, b] = begins_s.map(x);
+        for x in [a, b] {
+            let line = Shape::dashed_line(
+                &[pos2(x, map.top()), pos2(x, map.bottom())],
+                Stroke::new(1.0, p.text),
+                4.0,
+                3.0,
+            );
+            ui.painter().extend(line);
+        }
+        let (side, at) = match b + 50.0 < map.right() {
+            true => (egui::Align2::LEFT_TOP, b + 3.0),
+            false => (egui::Align2::RIGHT_TOP, a - 3.0),
+        };
+        let font = FontId::proportional(11.5);
+        let words = ui
+            .painter()
+            .layout_no_wrap("begins".to_owned(), font, p.text);
+        let rect = side.anchor_size(pos2(at, map.top() + 2.0), words.size());
+        ui.painter().rect_filled(rect.expand(2.0), 2.0, p.window);
+        ui.painter().galley(rect.min, words, p.text);
     }
 
     fn time_axis(&self, ui: &Ui, map: Rect, p: &Palette) {
@@ -263,6 +297,7 @@ mod tests {
         let map = HeatMap {
             channels: &["tip x".into(), "spring 1".into()],
             t_s: &[0.0, 0.5],
+            begins_s: None,
             rows: &[vec![1.0, -7.25], vec![f64::NAN]],
             end: 10.0,
             which: 0,
