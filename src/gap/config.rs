@@ -108,7 +108,8 @@ pub struct FinderConfig {
     pub onset_min_share: f64,
     /// Nats by which an effect that begins within the session must beat the best one from the start, at noise. Development.
     pub onset_gain_min: f64,
-    /// How long it takes to begin, s: its interval is wider by so much at each end. Development.
+    /// By how much the time of a beginning is wrong besides noise, s: how it begins no law describes. Its interval is wider by so
+    /// much at each end. Development.
     pub onset_takes_s: f64,
     /// Pressures that all stay within this excite little, Pa. Development.
     pub excited_pa: f64,
@@ -181,7 +182,7 @@ pub const CONFIG: FinderConfig = FinderConfig {
     supply_beginnings: 4,
     onset_min_share: 0.1,
     onset_gain_min: 10.0,
-    onset_takes_s: 0.5,
+    onset_takes_s: 1.2,
     excited_pa: 8e3,
     located_share_min: 0.2,
     located_over_floor: 1.3,
