@@ -92,6 +92,41 @@ fn the_median_and_its_interval_follow_the_binomial() {
     assert!(near(0) && near(1), "{a:?} {b:?}");
 }
 
+/// Three that begin: found within its interval, found outside of it, not found. One that is there from the start.
+#[test]
+fn beginnings_are_counted_beside_the_names() {
+    let ci = [0.9, 1.2];
+    let told = |onset: Option<(f64, [f64; 2])>| Said {
+        onset: onset.map(|(t_s, ci95)| Onset { t_s, ci95 }),
+        ..said("named", &[("leak", Some(2), "rate", 1.1, ci)])
+    };
+    let begun = |onset_s: f64, said: Said| {
+        let effect = hidden("leak", Some(2), "rate", 1.0);
+        let key = key(About::Begun, 4.0, vec![effect]);
+        let onset_s = Some(onset_s);
+        case(Key { onset_s, ..key }, said)
+    };
+    let cases = [
+        begun(30.0, told(Some((31.0, [29.0, 33.0])))),
+        begun(40.0, told(Some((43.0, [42.0, 44.0])))),
+        begun(50.0, told(None)),
+        single(4.0, "leak", Some(2), told(None)),
+    ];
+    let s = score(&cases);
+    let shares = |x: &Share| (x.hits, x.of);
+    assert_eq!(shares(&s.onsets.named), (3, 3));
+    assert_eq!(shares(&s.onsets.found), (2, 3));
+    assert_eq!(shares(&s.onsets.covered), (1, 2));
+    assert_eq!(shares(&s.onsets.claimed), (0, 1));
+    assert_eq!(
+        (s.onsets.error_s.median, s.onsets.error_s.max),
+        (Some(2.0), Some(3.0))
+    );
+    // They do not stand on the ladder.
+    assert_eq!(s.ladder.iter().map(|r| r.top1.of).sum::<usize>(), 1);
+    assert!(s.markdown("").contains("| - with a beginning | 2/3"));
+}
+
 #[test]
 fn singles_are_counted_per_rung_channel_and_side() {
     let ci = [0.9, 1.2];

@@ -278,6 +278,60 @@ fn shot(
     assert_drawn(&h, &image, name);
 }
 
+/// What begins within the session is marked on every time axis.
+#[test]
+fn a_beginning_is_marked_over_the_residuals_and_the_paths() {
+    let real = with_verdict(Verdict::Named);
+    let mut finding = real.finding.clone();
+    let [from, to] = [0, 1].map(|end| {
+        let t_s = &finding.traces.t_s;
+        [t_s[0], t_s[t_s.len() - 1]][end]
+    });
+    let at = |share: f64| from + share * (to - from);
+    finding.traces.begins_s = Some([at(0.40), at(0.42)]);
+    let found = Arc::new(Found {
+        finding,
+        patch: real.patch.clone(),
+        gain: 0.0,
+    });
+    let sizes = [
+        ([1024.0, 700.0], "small"),
+        ([1280.0, 760.0], "760"),
+        ([2560.0, 1440.0], "1440"),
+    ];
+    for (size, name) in sizes {
+        for step in [Step::Locate, Step::Prove] {
+            let state = |app: &mut App| {
+                app.screens
+                    .gap
+                    .take(Arc::clone(&found), Origin::Simulated, None);
+                app.screens.gap.step = step;
+            };
+            let name = format!("gap-begins-{}-{name}", step.name());
+            let mut written = 0;
+            shot(&name, size, Theme::Dark, state, |h| {
+                written = times_painted(h, "begins")
+            });
+            // The map, or each of the three paths.
+            let wanted = if step == Step::Locate { 2 } else { 3 };
+            assert_eq!(written, wanted, "{name}");
+        }
+    }
+}
+
+/// How often a text is painted.
+fn times_painted(h: &Harness<'_, App>, text: &str) -> usize {
+    fn texts(shape: &egui::Shape, text: &str) -> usize {
+        match shape {
+            egui::Shape::Text(t) => usize::from(t.galley.text() == text),
+            egui::Shape::Vec(all) => all.iter().map(|s| texts(s, text)).sum(),
+            _ => 0,
+        }
+    }
+    let shapes = h.output().shapes.iter();
+    shapes.map(|s| texts(&s.shape, text)).sum()
+}
+
 #[test]
 fn pictures_of_every_step() {
     let sizes = [([1280.0, 720.0], "720"), ([1920.0, 1080.0], "1080")];
