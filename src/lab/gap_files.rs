@@ -80,6 +80,20 @@ pub fn sessions_among(paths: &[PathBuf]) -> impl Iterator<Item = &Path> {
     paths.map(PathBuf::as_path)
 }
 
+/// Reads the baseline in a file; nothing where it holds none.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn read_baseline(path: &Path) -> Result<Option<Commissioned>> {
+    match is_baseline(path) {
+        true => Ok(match read_known(&[path.to_owned()])? {
+            Known::Commissioned(rig) => Some(*rig),
+            Known::Sessions(_) => None,
+        }),
+        false => Ok(None),
+    }
+}
+
 /// Whether a file holds a baseline: its first bytes show it.
 fn is_baseline(path: &Path) -> bool {
     if path.extension().is_none_or(|e| e != "toml") || !path.is_file() {

@@ -16,13 +16,14 @@ use crate::cli::{read_text, sentence, user};
 use springtwin::gap::report::Origin;
 use springtwin::gap::score::Key;
 use springtwin::gap::{
-    CHANNELS, Found, GapError, Grid, IMU_0, Options, Patch, Progress, SPRING_0, Session, Stage,
-    find_law,
+    CHANNELS, Commissioned, Found, GapError, Grid, IMU_0, Options, Patch, Progress, SPRING_0,
+    Session, Stage, Unwatched, find_law,
 };
 use springtwin::gui::services::Worker;
 use springtwin::gui::services::gap::{
     ExamplePair, GapServices, Pair, RobotMatch, SessionSheet, SheetGroup,
 };
+use springtwin::lab::commission::{beyond, kinds};
 use springtwin::lab::gap_bench::{self, Example};
 use springtwin::lab::gap_files;
 use springtwin::lab::provenance;
@@ -51,6 +52,9 @@ pub fn services(
     let example_file = robot_file.map(Path::to_owned);
     let (for_examples, for_reports) = (data.to_owned(), data.to_owned());
     let (for_reveal, for_keep, for_page) = (ctx(), ctx(), ctx());
+    let (for_kept, kept_robot, kept_data) = (ctx(), Arc::clone(&robot), data.to_owned());
+    let (for_commission, commissioned_robot) = (ctx(), Arc::clone(&robot));
+    let commissioned_data = data.to_owned();
     let (for_patched, read_store) = (ctx(), Arc::clone(&store));
     let (for_accept, accept_store) = (ctx(), Arc::clone(&store));
     let (for_undo, undo_store) = (ctx(), Arc::clone(&store));
@@ -59,6 +63,19 @@ pub fn services(
             let (path, robot) = (path.to_owned(), Arc::clone(&look_robot));
             later(&for_look, "session reader", move |_| {
                 sheet(&path, &robot).map_err(said)
+            })
+        }),
+        baseline: Box::new(move || {
+            let kept = baseline_file(&kept_data, &kept_robot);
+            later(&for_kept, "baseline", move |_| {
+                Ok(kept.is_file().then_some(kept))
+            })
+        }),
+        commission: Box::new(move |path| {
+            let (path, robot) = (path.to_owned(), Arc::clone(&commissioned_robot));
+            let kept = baseline_file(&commissioned_data, &robot);
+            later(&for_commission, "commissioning", move |worker| {
+                commission(&path, &robot, &kept, worker).map_err(said)
             })
         }),
         find: Box::new(move |pair, known| {
@@ -121,8 +138,79 @@ pub fn data_folder() -> PathBuf {
     user::data_folder().unwrap_or_else(|| std::env::temp_dir().join("springtwin"))
 }
 
-/// What is known of a session before it is used.
+/// Digits of the robot's hash in the name of its baseline.
+const HASH_DIGITS: usize = 12;
+
+/// Where the baseline of a robot is kept: one for its file, with patches or without.
+fn baseline_file(data: &Path, robot: &RobotSpec) -> PathBuf {
+    let digits: String = robot.base_hash.chars().take(HASH_DIGITS).collect();
+    data.join("baselines").join(format!("{digits}.toml"))
+}
+
+/// Fits the rig in order to a healthy session and keeps it.
+fn commission(
+    path: &Path,
+    robot: &RobotSpec,
+    kept: &Path,
+    worker: &Worker<PathBuf>,
+) -> Result<PathBuf> {
+    worker.tell("Fitting the healthy rig", None);
+    let grids = gap_files::read_grids(&[path.to_owned()])?;
+    let rig = Commissioned::new(robot, &grids, &Unwatched)?;
+    if let Some(large) = beyond(&kinds(&rig.arm.floor), |k| k.refuse) {
+        anyhow::bail!("{large}: the model does not follow the session, so it is no baseline");
+    }
+    let folder = kept.parent().unwrap_or(kept);
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    recording::write_text(kept, &rig.to_toml())?;
+    Ok(kept.to_owned())
+}
+
+/// A baseline that was kept, as a session without samples.
+fn sheet_of_baseline(path: &Path, rig: &Commissioned, robot: &RobotSpec) -> SessionSheet {
+    let made = path.metadata().and_then(|m| m.modified()).ok();
+    let age = made.and_then(|t| t.elapsed().ok()).unwrap_or_default();
+    let group = |name: &str, channels: std::ops::Range<usize>, each: usize| SheetGroup {
+        name: name.to_owned(),
+        present: channels.clone().filter(|c| rig.present[*c]).count() / each,
+        of: channels.len() / each,
+    };
+    let commands = SheetGroup {
+        name: "commands".to_owned(),
+        present: usize::from(rig.supply.is_some()),
+        of: 1,
+    };
+    let sessions: Vec<&str> = rig.sessions.iter().map(|s| s[0].as_str()).collect();
+    let known = springtwin::gap::recorded_with(robot, "the baseline", &rig.robot);
+    SessionSheet {
+        path: path.to_owned(),
+        name: format!("Baseline of {}", sessions.join(", ")),
+        seconds: 0.0,
+        rate_hz: 1.0 / rig.period_s,
+        payload_kg: 0.0,
+        groups: vec![
+            commands,
+            group("springs", SPRING_0..IMU_0, 1),
+            group("IMUs", IMU_0..CHANNELS, 3),
+            group("motion capture", 0..SPRING_0, SPRING_0),
+        ],
+        robot: match known {
+            Err(GapError::OtherRobot {
+                recorded, given, ..
+            }) => RobotMatch::Other { recorded, given },
+            _ => RobotMatch::Same,
+        },
+        simulated: None,
+        kept_days: Some(age.as_secs_f64() / 86_400.0),
+    }
+}
+
+/// What is known of a session, or of a baseline, before it is used.
 fn sheet(path: &Path, robot: &RobotSpec) -> Result<SessionSheet> {
+    if let Some(rig) = gap_files::read_baseline(path)? {
+        return Ok(sheet_of_baseline(path, &rig, robot));
+    }
     let session = gap_files::read_session(path)?;
     let simulated = match recording::is_rrd(path) {
         true => recording::inspect(path)?.simulated,
@@ -207,6 +295,7 @@ fn sheet_of(
         groups,
         robot,
         simulated,
+        kept_days: None,
     }
 }
 

@@ -55,6 +55,8 @@ pub struct SessionSheet {
     pub robot: RobotMatch,
     /// Whether its data were simulated; `None` if it is not recorded.
     pub simulated: Option<bool>,
+    /// Age of a baseline that was kept, days; `None` for a session. A baseline has no length.
+    pub kept_days: Option<f64>,
 }
 
 /// The sessions of a search.
@@ -108,6 +110,10 @@ pub struct GapServices {
     pub look: Look,
     /// Runs the finder.
     pub find: Find,
+    /// Where the baseline of this robot is kept; nowhere before it was commissioned.
+    pub baseline: Box<dyn FnMut() -> Job<Option<PathBuf>>>,
+    /// Fits the rig in order to a healthy session and keeps it as the baseline of this robot.
+    pub commission: Box<dyn FnMut(&Path) -> Job<PathBuf>>,
     /// Has a pair of sessions made, by a process of its own, one effect hidden in the second: which one
     /// depends on the seed.
     pub example: Box<dyn FnMut(u64) -> Job<ExamplePair>>,
@@ -132,6 +138,8 @@ impl GapServices {
         Self {
             look: Box::new(move |_| Job::ready(Err(no("read sessions")))),
             find: Box::new(move |_, _| Job::ready(Err(no("read sessions")))),
+            baseline: Box::new(|| Job::ready(Ok(None))),
+            commission: Box::new(move |_| Job::ready(Err(no("keep baselines")))),
             example: Box::new(move |_| Job::ready(Err(no("make an example")))),
             reveal: Box::new(move |_| Job::ready(Err(no("read answers")))),
             patched: Box::new(|| {

@@ -27,6 +27,7 @@ pub(super) use verdicts::{as_law, with_verdict};
 
 const HEALTHY: &str = "made/commissioning";
 const SUSPECT: &str = "made/suspect";
+const KEPT: &str = "data/baselines/kept.toml";
 pub(super) const ANSWER: &str = "answers/made.json";
 /// What the example of these tests hides: mass, kg, and offset, m, of an undeclared payload.
 const HIDDEN: (&str, [f64; 2]) = ("payload", [0.3, 0.004]);
@@ -114,6 +115,7 @@ pub(super) fn sheet(path: &Path) -> SessionSheet {
         ],
         robot: RobotMatch::Same,
         simulated: None,
+        kept_days: None,
     }
 }
 
@@ -185,7 +187,15 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
             Job::ready(Ok(()))
         }),
         gap: GapServices {
-            look: Box::new(|path| Job::ready(Ok(sheet(path)))),
+            look: Box::new(|path| {
+                let kept_days = (path == Path::new(KEPT)).then_some(45.2);
+                Job::ready(Ok(SessionSheet {
+                    kept_days,
+                    ..sheet(path)
+                }))
+            }),
+            baseline: Box::new(|| Job::ready(Ok(None))),
+            commission: Box::new(|_| Job::ready(Ok(KEPT.into()))),
             find: Box::new(|pair, known| {
                 assert_eq!(pair.healthy.as_deref(), Some(Path::new(HEALTHY)));
                 assert_eq!(pair.suspect, Path::new(SUSPECT));
@@ -265,6 +275,36 @@ fn wait_for_finding(h: &mut Harness<'_, App>) {
         "no finding in ten minutes"
     );
     h.run_steps(3);
+}
+
+/// A session of the rig in order becomes the baseline of this robot, which the screen chooses by itself from then on and whose age
+/// it shows. It is no session to look at.
+#[test]
+fn a_baseline_is_kept_and_chosen_without_a_search_for_files() {
+    let seen = Rc::new(RefCell::new(Seen::default()));
+    let mut h = harness(gap_app(services(&seen)));
+    h.run_steps(4);
+    click(&mut h, "Use circle-35g as healthy session");
+    click(&mut h, "Keep as baseline");
+    h.run_steps(4);
+    h.get_by_label_contains("45 days ago");
+    assert!(h.query_by_label("Keep as baseline").is_none());
+    let mut services = services(&seen);
+    services.gap.baseline = Box::new(|| Job::ready(Ok(Some(KEPT.into()))));
+    let mut h = harness(gap_app(services));
+    h.run_steps(6);
+    h.get_by_label_contains("45 days ago");
+    h.get_by_label_contains("Rubber ages");
+    h.state_mut().services.gap.look = Box::new(|path| {
+        Job::ready(Ok(SessionSheet {
+            kept_days: Some(1.0),
+            ..sheet(path)
+        }))
+    });
+    click(&mut h, "Use circle-35g as suspect session");
+    h.run_steps(4);
+    h.get_by_label_contains("This is a baseline, the fit to a rig in order.");
+    assert!(is_disabled(&h, "▶ Find"));
 }
 
 #[test]

@@ -207,6 +207,42 @@ fn a_sheet_tells_what_a_session_holds_and_whose_it_is() {
 }
 
 #[cfg(unix)]
+/// The rig in order is fitted once: the file stands for it, with its channels, until it is fitted again. What the model cannot follow
+/// leaves the old one.
+#[test]
+fn a_baseline_is_kept_per_robot_and_read_like_a_session() {
+    let dir = folder("baseline");
+    let robot = RobotSpec::reference();
+    let plan = springtwin::lab::session::SessionPlan {
+        name: "monday".to_owned(),
+        seconds: 25.0,
+        rate_hz: 25.0,
+        ..Default::default()
+    };
+    let log = springtwin::lab::session::session(&robot, &plan).expect("the rig runs");
+    let session = dir.join("monday");
+    let log = springtwin::lab::session::session_log(log, &robot);
+    recording::write_session(&session, &log).expect("writes");
+    let kept = baseline_file(&dir, &robot);
+    let (_, worker) = springtwin::gui::services::Job::pair();
+    assert_eq!(
+        commission(&session, &robot, &kept, &worker).expect("fits"),
+        kept
+    );
+    let shown = sheet(&kept, &robot).expect("reads");
+    assert_eq!(shown.name, "Baseline of monday");
+    assert!(shown.kept_days.is_some_and(|d| d < 0.1));
+    assert!((shown.rate_hz - 25.0).abs() < 0.1, "{}", shown.rate_hz);
+    let present: Vec<usize> = shown.groups.iter().map(|g| g.present).collect();
+    assert_eq!(present, [1, 12, 4, 1]);
+    assert_eq!(shown.robot, RobotMatch::Same);
+    let text = read_text(&kept).expect("there");
+    let missing = commission(&dir.join("tuesday"), &robot, &kept, &worker);
+    assert!(missing.is_err());
+    assert_eq!(read_text(&kept).expect("there"), text);
+    std::fs::remove_dir_all(&dir).expect("cleans up");
+}
+
 #[test]
 fn a_page_that_no_browser_takes_is_told() {
     let page = Path::new("report.html");

@@ -59,6 +59,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         state.select.scanned = true;
         let found = (services.scan)(services.recordings.path());
         state.select.scanning.begin(found);
+        state.select.kept.begin((services.gap.baseline)());
     }
     let free = !state.running.is_busy();
     let height = (0.44 * ui.available_height()).clamp(180.0, 244.0);
@@ -92,6 +93,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
 }
 
 fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Services) {
+    let keeping = selection.keeping.is_busy();
     let slot = &mut selection.slots[part as usize];
     ui.label(RichText::new(part.title()).strong());
     ui.horizontal(|ui| {
@@ -155,7 +157,7 @@ fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Servi
         .show(ui),
         Some(Ok(sheet)) => {
             facts(ui, sheet);
-            if let Some(trouble) = trouble_with(sheet) {
+            if let Some(trouble) = trouble_with(part, sheet) {
                 trouble.show(ui);
             } else if part == Part::Suspect && sheet.simulated.is_none() {
                 ui.horizontal_wrapped(|ui| {
@@ -173,8 +175,51 @@ fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Servi
                             .accessible_name(format!("The suspect session is {text}"));
                     }
                 });
+            } else if part == Part::Healthy {
+                let path = sheet.path.clone();
+                if kept(ui, sheet, keeping) {
+                    selection.keeping.begin((services.gap.commission)(&path));
+                }
             }
         }
+    }
+}
+
+/// A baseline older than this is no longer trusted without a word, days.
+const OLD_DAYS: f64 = 30.0;
+
+/// The age of a baseline, or the way to make one of a session; true when it is to be made.
+fn kept(ui: &mut Ui, sheet: &SessionSheet, keeping: bool) -> bool {
+    match sheet.kept_days {
+        Some(days) if days > OLD_DAYS => {
+            let old = "Rubber ages: commission the rig again when you can, and whenever it was taken apart.";
+            status(ui, Level::Warning, old);
+            false
+        }
+        Some(_) => false,
+        None if keeping => {
+            ui.horizontal(|ui| {
+                ui.spinner();
+                note(ui, "Fitting the healthy rig…");
+            });
+            false
+        }
+        None => ui
+            .button("Keep as baseline")
+            .on_hover_text(
+                "Fit the rig in order once and keep it for this robot: it is then chosen here by itself, and suspect sessions \
+                 need no motion capture",
+            )
+            .clicked(),
+    }
+}
+
+/// An age in days, in words.
+fn days(days: f64) -> String {
+    match days {
+        d if d < 1.0 => "today".to_owned(),
+        d if d < 2.0 => "a day ago".to_owned(),
+        d => format!("{} days ago", number(d.floor(), 0)),
     }
 }
 
@@ -182,8 +227,10 @@ fn facts(ui: &mut Ui, sheet: &SessionSheet) {
     let p = *Palette::in_ui(ui);
     ui.horizontal(|ui| {
         ui.label(RichText::new(&sheet.name).strong());
-        badge(ui, origin_name(sheet.simulated), p.raised, p.text)
-            .on_hover_text("Where the data come from");
+        if sheet.kept_days.is_none() {
+            badge(ui, origin_name(sheet.simulated), p.raised, p.text)
+                .on_hover_text("Where the data come from");
+        }
     });
     ui.spacing_mut().item_spacing.y = 3.0;
     ui.spacing_mut().interact_size.y = 20.0;
@@ -193,17 +240,24 @@ fn facts(ui: &mut Ui, sheet: &SessionSheet) {
             ui.add(egui::Label::new(text).wrap());
         });
     };
-    row(
-        ui,
-        "length",
-        format!(
-            "{} ({} s) at {} Hz, payload {} g",
-            minutes(sheet.seconds),
-            number(sheet.seconds, 0),
-            number(sheet.rate_hz, 0),
-            number(1e3 * sheet.payload_kg, 0)
+    match sheet.kept_days {
+        Some(age) => row(
+            ui,
+            "kept",
+            format!("{}, at {} Hz", days(age), number(sheet.rate_hz, 0)),
         ),
-    );
+        None => row(
+            ui,
+            "length",
+            format!(
+                "{} ({} s) at {} Hz, payload {} g",
+                minutes(sheet.seconds),
+                number(sheet.seconds, 0),
+                number(sheet.rate_hz, 0),
+                number(1e3 * sheet.payload_kg, 0)
+            ),
+        ),
+    }
     let channels: Vec<String> = sheet
         .groups
         .iter()

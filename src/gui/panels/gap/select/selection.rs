@@ -46,6 +46,9 @@ pub struct Selection {
     pub(super) library: Vec<RecordingEntry>,
     pub(super) scanned: bool,
     pub(super) scanning: Pending<Vec<RecordingEntry>>,
+    /// Where the baseline of this robot is kept.
+    pub(super) kept: Pending<Option<PathBuf>>,
+    pub(super) keeping: Pending<PathBuf>,
     pub(in crate::gui::panels::gap) making: Pending<ExamplePair>,
     pub(super) example: Option<ExamplePair>,
     pub(super) examples_made: u64,
@@ -67,6 +70,8 @@ impl Selection {
     pub fn busy(&self) -> bool {
         self.scanning.is_busy()
             || self.making.is_busy()
+            || self.kept.is_busy()
+            || self.keeping.is_busy()
             || self
                 .slots
                 .iter()
@@ -105,6 +110,23 @@ impl Selection {
                 }));
             }
         }
+        // The rig in order is known: nobody has to look for files.
+        if let Some(Ok(Some(path))) = self.kept.take()
+            && self.slots[0].path.text.is_empty()
+        {
+            self.slots[0].choose(&path, services);
+        }
+        match self.keeping.take() {
+            Some(Ok(path)) => self.slots[0].choose(&path, services),
+            Some(Err(e)) => {
+                trouble = Some(Trouble::new(
+                    e,
+                    "No baseline is kept; one that was kept before stays.",
+                    "Choose a session of the rig in order, or run springtwin gap commission.",
+                ));
+            }
+            None => {}
+        }
         if let Some(found) = self.scanning.take() {
             match found {
                 Ok(entries) => self.library = entries,
@@ -141,6 +163,9 @@ impl Selection {
         if self.making.is_busy() {
             return Err("The example is being made.".into());
         }
+        if self.keeping.is_busy() {
+            return Err("The baseline is being fitted.".into());
+        }
         if self.slots.iter().any(|s| s.looking.is_busy()) {
             return Err("A session is being read.".into());
         }
@@ -157,7 +182,7 @@ impl Selection {
                     return Err(format!("The {} session could not be read.", part.name()));
                 }
                 Some(Ok(sheet)) => {
-                    if let Some(trouble) = trouble_with(sheet) {
+                    if let Some(trouble) = trouble_with(part, sheet) {
                         return Err(format!(
                             "The {} session: {} {}",
                             part.name(),
@@ -182,13 +207,22 @@ impl Selection {
 }
 
 // What keeps a session from being used.
-pub(super) fn trouble_with(sheet: &SessionSheet) -> Option<Trouble> {
+pub(super) fn trouble_with(part: Part, sheet: &SessionSheet) -> Option<Trouble> {
     if let RobotMatch::Other { recorded, given } = &sheet.robot {
         return Some(Trouble::new(
             format!("Recorded with robot file {recorded}; this twin runs with {given}."),
             "The session cannot be compared with this model.",
             "Choose a session of this robot, or start with --robot FILE.",
         ));
+    }
+    if sheet.kept_days.is_some() {
+        return (part == Part::Suspect).then(|| {
+            Trouble::new(
+                "This is a baseline, the fit to a rig in order.".to_owned(),
+                "There are no samples in it to look at.",
+                "Choose a session that was recorded now.",
+            )
+        });
     }
     if sheet.seconds < SECONDS_MIN {
         return Some(Trouble::new(
