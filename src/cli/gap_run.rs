@@ -97,6 +97,7 @@ pub fn read(
         seed,
         excitations: excitations(robot),
         prove: read_grids(prove)?,
+        from_start: false,
     };
     Ok((healthy, suspects, options))
 }

@@ -38,6 +38,8 @@ pub struct Options {
     pub excitations: Vec<(String, Trajectory)>,
     /// Sessions that have no part in the finding, and on which what it names is tested.
     pub prove: Vec<Grid>,
+    /// What is missing is missing from the start: no beginning is looked for.
+    pub from_start: bool,
 }
 
 /// A finding with the patch that brings it into the model.
@@ -77,7 +79,9 @@ pub fn find(
         options,
         progress,
     };
-    Ok(search.run(&suspects, true)?.0)
+    // Of a rig of which nothing is known no part is in order.
+    let begins = search.healthy.is_some() && suspects.len() == 1 && !options.from_start;
+    Ok(search.run(&suspects, begins)?.0)
 }
 
 /// What a search is given besides sessions.
@@ -90,9 +94,9 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Looks for what is missing in `suspects`, of a single one also from within it on, if `onset`; with the effects of the
-    /// arm that are named, at work.
-    fn run(&self, suspects: &[&Grid], onset: bool) -> Result<(Found, Vec<Active>), GapError> {
+    /// Looks for what is missing in `suspects`, and if it `begins` in the only one, from then on; with the effects of the arm
+    /// that are named, at work.
+    fn run(&self, suspects: &[&Grid], begins: bool) -> Result<(Found, Vec<Active>), GapError> {
         let Self {
             robot,
             table,
@@ -157,9 +161,9 @@ impl Search<'_> {
             before.change
         );
 
-        if onset && suspects.len() == 1 {
+        if begins {
             let columns = (&all[..], &ready[..]);
-            let begun = self.begun(&replayed, (&problem, &r0), columns, threshold)?;
+            let begun = self.begun(&replayed, (&problem, &r0), columns, [threshold, floor])?;
             if let Some(found) = begun {
                 return Ok(found);
             }
@@ -352,10 +356,10 @@ impl Search<'_> {
         replayed: &Replayed,
         (problem, r0): (&Problem, &DVector<f64>),
         (all, ready): (&[Candidate], &[Column]),
-        threshold: f64,
+        [threshold, floor]: [f64; 2],
     ) -> Result<Option<(Found, Vec<Active>)>, GapError> {
         let begun = Begun::new(replayed, problem, r0)?;
-        let Some(bin) = begun.first_bin((all, ready), threshold) else {
+        let Some(bin) = begun.first_bin((all, ready), [threshold, floor]) else {
             return Ok(None);
         };
         let (mut found, active) = self.run(&[&replayed.runs[0].from_bin(bin)], false)?;

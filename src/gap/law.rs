@@ -147,6 +147,7 @@ pub fn discover(
 ) -> Result<Discovered, GapError> {
     let known = Options {
         prove: Vec::new(),
+        from_start: true,
         ..options.clone()
     };
     // Commissioned once for both searches.
@@ -171,7 +172,12 @@ pub fn find_law(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Found, GapError> {
-    let mut found = find(robot, &library(), healthy, suspects, options, progress)?;
+    // A term that counts time can be a beginning of its own.
+    let options = Options {
+        from_start: true,
+        ..options.clone()
+    };
+    let mut found = find(robot, &library(), healthy, suspects, &options, progress)?;
     if found.finding.verdict.has_effects()
         && let Some(nearest) = nearest(known, &found)
     {

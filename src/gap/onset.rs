@@ -53,11 +53,12 @@ impl<'a> Begun<'a> {
     }
 
     /// First bin of what looks like a session with an effect after one without; `None` where an effect from the start explains
-    /// as much. `threshold` is the significance threshold of a score, nats.
+    /// as much, or the rig was not in order before. `threshold` is the significance threshold of a score, nats, `floor` the mean
+    /// square of a healthy innovation.
     pub fn first_bin(
         &self,
         (all, ready): (&[Candidate], &[Column]),
-        threshold: f64,
+        [threshold, floor]: [f64; 2],
     ) -> Option<usize> {
         let best_at = |block: usize| {
             let scores = ready.iter().map(|c| (c.begun[block], c, block));
@@ -91,7 +92,16 @@ impl<'a> Begun<'a> {
         let scores = parallel(&bins, score_from).into_iter().flatten();
         let (_, bin) = scores.max_by(|a, b| a.0.total_cmp(&b.0))?;
         let enough = (SECONDS_MIN * GRID_HZ) as usize + start();
-        (bin > start() + STRETCH && bin + enough <= self.before.len()).then_some(bin)
+        let in_order = self.mean_square(start()..bin) - floor <= CONFIG.innovation_excess * floor;
+        (in_order && bin > start() + STRETCH && bin + enough <= self.before.len()).then_some(bin)
+    }
+
+    /// Mean square of the innovations without effects.
+    fn mean_square(&self, bins: Range<usize>) -> f64 {
+        let n = self.problem.per_bin();
+        let here = &self.r0.as_slice()[bins.start * n..bins.end.max(bins.start) * n];
+        let squares = here.chunks(n).flat_map(|bin| &bin[..n / 2]).map(|x| x * x);
+        squares.sum::<f64>() / (here.len() / 2).max(1) as f64
     }
 
     /// Innovations when effects act from some bin on.

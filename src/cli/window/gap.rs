@@ -343,6 +343,7 @@ fn find(
         seed: 1,
         excitations: gap_files::excitations(robot),
         prove: Vec::new(),
+        from_start: false,
     };
     let run = || -> Answer {
         let suspect = Grid::new(suspect)?;
