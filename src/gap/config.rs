@@ -108,6 +108,9 @@ pub struct FinderConfig {
     pub onset_min_share: f64,
     /// Nats by which an effect that begins within the session must beat the best one from the start, at noise. Development.
     pub onset_gain_min: f64,
+    /// Excess of the innovations before a beginning over those of a rig in order, as a share of these, at most: the usual drift of
+    /// the headings is taken from the whole session, which the effect disturbs. Development.
+    pub onset_before_max: f64,
     /// By how much the time of a beginning is wrong besides noise, s: how it begins no law describes. Its interval is wider by so
     /// much at each end. Development.
     pub onset_takes_s: f64,
@@ -182,6 +185,7 @@ pub const CONFIG: FinderConfig = FinderConfig {
     supply_beginnings: 4,
     onset_min_share: 0.1,
     onset_gain_min: 10.0,
+    onset_before_max: 1.0,
     onset_takes_s: 1.2,
     excited_pa: 8e3,
     located_share_min: 0.2,

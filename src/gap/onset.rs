@@ -92,16 +92,22 @@ impl<'a> Begun<'a> {
         let scores = parallel(&bins, score_from).into_iter().flatten();
         let (_, bin) = scores.max_by(|a, b| a.0.total_cmp(&b.0))?;
         let enough = (SECONDS_MIN * GRID_HZ) as usize + start();
-        let in_order = self.mean_square(start()..bin) - floor <= CONFIG.innovation_excess * floor;
+        let before = self.mean_square(start()..bin);
+        log::debug!(
+            "begun at bin {bin}: innovations before {before:.2}, of a rig in order {floor:.2}"
+        );
+        let in_order = before - floor <= CONFIG.onset_before_max * floor;
         (in_order && bin > start() + STRETCH && bin + enough <= self.before.len()).then_some(bin)
     }
 
-    /// Mean square of the innovations without effects.
+    /// Mean square of the innovations without effects, in the median of some bins: the first moments of what begins count little.
     fn mean_square(&self, bins: Range<usize>) -> f64 {
         let n = self.problem.per_bin();
         let here = &self.r0.as_slice()[bins.start * n..bins.end.max(bins.start) * n];
-        let squares = here.chunks(n).flat_map(|bin| &bin[..n / 2]).map(|x| x * x);
-        squares.sum::<f64>() / (here.len() / 2).max(1) as f64
+        let mean = |bin: &[f64]| bin[..n / 2].iter().map(|x| x * x).sum::<f64>() / (n / 2) as f64;
+        let mut each: Vec<f64> = here.chunks(n).map(mean).collect();
+        each.sort_by(f64::total_cmp);
+        each.get(each.len() / 2).copied().unwrap_or(f64::INFINITY)
     }
 
     /// Innovations when effects act from some bin on.
