@@ -116,7 +116,7 @@ fn columns_that_begin_later_are_projected_by_the_formula() {
     let p = problem(r.column(0).into(), j.clone());
     let clean = p.cleaned(&r);
     let edges = p.edges();
-    let begun = p.from_each(&j, &clean, edges);
+    let begun = p.begun_by_stretch(&j, &clean, edges);
     assert_eq!(begun.len(), edges.len() - 1);
     for ((gram, right), first) in begun.iter().zip(edges) {
         let mut later = j.clone();

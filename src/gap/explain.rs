@@ -118,7 +118,7 @@ pub fn columns(
         }
         let j = DMatrix::from_columns(&flat);
         let cleaned = problem.cleaned(&j);
-        let begun = problem.from_each(&j, &clean, problem.edges());
+        let begun = problem.begun_by_stretch(&j, &clean, problem.edges());
         let mut at = 0;
         let ready = columns.iter().map(|((i, start), own)| {
             let own = at..at + own.len();
@@ -137,10 +137,13 @@ pub fn columns(
     Ok(done.into_iter().flatten().collect())
 }
 
+/// Innovations with effects at work.
+type Innovations<'a> = dyn Fn(&[Active]) -> Result<DVector<f64>, EffectError> + 'a;
+
 /// Columns −∂r/∂α of a candidate for its full moves from a start, on top of the effects of `base`, which leave `r0`; `residual`
 /// has the innovations with effects. `None` where the arm cannot move so.
 pub fn moves(
-    residual: &dyn Fn(&[Active]) -> Result<DVector<f64>, EffectError>,
+    residual: &Innovations<'_>,
     r0: &DVector<f64>,
     base: &[Active],
     candidate: Candidate,

@@ -362,7 +362,7 @@ impl Search<'_> {
         let Some(bin) = begun.first_bin((all, ready), [threshold, floor]) else {
             return Ok(None);
         };
-        let (mut found, active) = self.run(&[&replayed.runs[0].from_bin(bin)], false)?;
+        let (mut found, active) = self.run(&[&replayed.runs[0].since_bin(bin)], false)?;
         if active.is_empty() {
             return Ok(None);
         }

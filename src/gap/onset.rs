@@ -117,7 +117,7 @@ impl<'a> Begun<'a> {
             baseline,
             runs,
         } = self.replayed;
-        let (run, later) = (&runs[0], runs[0].from_bin(bin));
+        let (run, later) = (&runs[0], runs[0].since_bin(bin));
         let moved = move_arm(robot, &later, &run.values, effects)?;
         let mut rows = self.before[..bin].to_vec();
         rows.extend(residuals(robot, &later, &moved, &run.values, effects));

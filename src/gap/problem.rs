@@ -59,7 +59,7 @@ pub struct Run<'a> {
 
 impl Run<'_> {
     /// The session from some bin on.
-    pub fn from_bin(&self, bin: usize) -> Grid {
+    pub fn since_bin(&self, bin: usize) -> Grid {
         let since_s = self.grid.t_s[bin] - self.grid.t_s[0];
         let mut heading_rad = [0.0; IMUS];
         for (parameter, value) in calibration_parameters().iter().zip(&self.values) {
@@ -67,7 +67,7 @@ impl Run<'_> {
                 heading_rad[i] = value * since_s;
             }
         }
-        self.grid.from_bin(bin, &heading_rad)
+        self.grid.since_bin(bin, &heading_rad)
     }
 
     /// Residuals with these effects, measured − predicted.
@@ -471,7 +471,7 @@ impl<'a> Problem<'a> {
 
     /// Of columns that begin with each of the stretches between `edges` and are zero before it: (D J)ᵀ M (D J) and (D J)ᵀ M r,
     /// the first stretch first. `clean` is M r.
-    pub fn from_each(
+    pub fn begun_by_stretch(
         &self,
         j: &DMatrix<f64>,
         clean: &DMatrix<f64>,

@@ -60,7 +60,7 @@ impl Session {
     }
 
     /// The samples from `first` on.
-    fn from_sample(&self, first: usize) -> Self {
+    fn since_sample(&self, first: usize) -> Self {
         Self {
             t_s: self.t_s[first..].to_vec(),
             chamber_pa: self.chamber_pa[first..].to_vec(),
@@ -367,7 +367,7 @@ impl Grid {
     }
 
     /// Its bins from `bin` on. The headings of the IMUs have drifted by `heading_rad` until then, which is taken off.
-    pub fn from_bin(&self, bin: usize, heading_rad: &[f64; IMUS]) -> Self {
+    pub fn since_bin(&self, bin: usize, heading_rad: &[f64; IMUS]) -> Self {
         let sample = self.first[bin];
         let mut sensors = self.sensors[bin..].to_vec();
         for s in &mut sensors {
@@ -376,7 +376,7 @@ impl Grid {
             }
         }
         Self {
-            session: self.session.from_sample(sample),
+            session: self.session.since_sample(sample),
             gauge_pa: self.gauge_pa[sample..].to_vec(),
             first: self.first[bin..].iter().map(|k| k - sample).collect(),
             t_s: self.t_s[bin..].to_vec(),

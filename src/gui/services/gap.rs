@@ -97,6 +97,9 @@ pub type Find = Box<dyn FnMut(&Pair, Option<Arc<Found>>) -> Job<Result<Arc<Found
 /// folder.
 pub type Keep = Box<dyn FnMut(&Arc<Found>, &Patch, Origin) -> Job<PathBuf>>;
 
+/// Fits a healthy session; answers with the file of the baseline.
+pub type Commission = Box<dyn FnMut(&Path) -> Job<PathBuf>>;
+
 /// Reads what was hidden in an example.
 pub type KeyReader = Box<dyn FnMut(&Path) -> Job<Key>>;
 /// Shows a page in another program.
@@ -113,7 +116,7 @@ pub struct GapServices {
     /// Where the baseline of this robot is kept; nowhere before it was commissioned.
     pub baseline: Box<dyn FnMut() -> Job<Option<PathBuf>>>,
     /// Fits the rig in order to a healthy session and keeps it as the baseline of this robot.
-    pub commission: Box<dyn FnMut(&Path) -> Job<PathBuf>>,
+    pub commission: Commission,
     /// Has a pair of sessions made, by a process of its own, one effect hidden in the second: which one
     /// depends on the seed.
     pub example: Box<dyn FnMut(u64) -> Job<ExamplePair>>,
