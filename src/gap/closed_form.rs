@@ -379,6 +379,7 @@ fn the_spread_from_session_to_session_is_that_of_the_kind() {
     for (k, found) in parameters.iter().zip(between(&parameters, square).iter()) {
         let wanted = match k {
             CalibrationParameter::Drift(_) => 2e-8 * (1.0 + 2.0 + 3.0 + 4.0) / 4.0,
+            CalibrationParameter::Mounting(_, 2) => CONFIG.heading_walk_rad.powi(2),
             _ => (0.01 * k.prior()).powi(2),
         };
         assert!((found / wanted - 1.0).abs() < 1e-9, "{k:?} {found:.3e}");

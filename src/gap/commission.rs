@@ -93,7 +93,7 @@ pub(super) fn between(
     })
 }
 
-/// Variance from session to session at least. A turn of an IMU about the axis of its pad cannot be told from what its heading
+/// Variance from session to session at least. A turn of an IMU about the axis of its pad cannot be distinguished from what its heading
 /// has wandered by on average.
 fn least(k: CalibrationParameter) -> f64 {
     let wanders = match k {

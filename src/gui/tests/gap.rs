@@ -303,7 +303,7 @@ fn a_baseline_is_kept_and_chosen_without_a_search_for_files() {
     });
     click(&mut h, "Use circle-35g as suspect session");
     h.run_steps(4);
-    h.get_by_label_contains("This is a baseline, the fit to a rig in order.");
+    h.get_by_label_contains("There are no samples in it to look at.");
     assert!(is_disabled(&h, "▶ Find"));
 }
 

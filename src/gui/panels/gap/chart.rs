@@ -3,7 +3,9 @@
 use std::ops::RangeInclusive;
 
 use egui::{Color32, RichText, Role, Sense, Ui, WidgetInfo};
-use egui_plot::{Axis, GridMark, HoverPosition, LineStyle, PlotBounds, PlotPoints, Span, VLine};
+use egui_plot::{
+    Axis, GridMark, HoverPosition, LineStyle, PlotBounds, PlotPoint, PlotPoints, Span, Text, VLine,
+};
 
 use crate::analysis::decimate::{envelope_of_samples, slot_s};
 use crate::gui::panels::plot::{Dash, marks_at, round_step, still, swatch};
@@ -123,6 +125,9 @@ impl Chart<'_> {
                         .border_color(p.weak)
                         .border_width(1.0);
                     plot.span(span);
+                    let at = PlotPoint::new(to, middle + 0.95 * half);
+                    let words = Text::new("begins", at, RichText::new(" begins").small());
+                    plot.text(words.anchor(egui::Align2::LEFT_TOP).color(p.text));
                 }
                 for line in &self.lines {
                     let Some(values) = line.values.get(some.clone()) else {

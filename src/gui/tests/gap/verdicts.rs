@@ -323,7 +323,7 @@ fn a_beginning_is_marked_over_the_residuals_and_the_paths() {
 fn times_painted(h: &Harness<'_, App>, text: &str) -> usize {
     fn texts(shape: &egui::Shape, text: &str) -> usize {
         match shape {
-            egui::Shape::Text(t) => usize::from(t.galley.text() == text),
+            egui::Shape::Text(t) => usize::from(t.galley.text().trim() == text),
             egui::Shape::Vec(all) => all.iter().map(|s| texts(s, text)).sum(),
             _ => 0,
         }
