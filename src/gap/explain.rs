@@ -22,7 +22,7 @@ pub struct Column {
     pub cleaned: DMatrix<f64>,
     /// Jᵀ M J.
     pub gram: DMatrix<f64>,
-    /// Score of an effect that begins with each block and explains nothing before it, nats.
+    /// Score of an effect that begins with each block and explains nothing before it, nats; empty where no beginning is looked for.
     pub begun: Vec<f64>,
 }
 
@@ -89,16 +89,20 @@ pub fn admitted(table: Table<'_>, present: &[bool; CHANNELS]) -> Vec<Candidate> 
 /// So many columns are cleaned at once.
 const TOGETHER: usize = 32;
 
-/// Columns of all starts of all candidates, on top of the effects of `so_far`.
+/// Columns of all starts of all candidates, on top of the effects of `so_far`; with the scores of those that begin later, if one
+/// `begins`.
 pub fn columns(
     problem: &Problem,
     all: &[Candidate],
     scene: &Scene,
     so_far: &[(Candidate, Vec<f64>)],
+    begins: bool,
 ) -> Result<Vec<Column>, GapError> {
     let base: Vec<_> = so_far.iter().map(|(c, v)| c.with(v)).collect();
     let r0 = problem.residual(&base)?;
-    let clean = problem.cleaned(&DMatrix::from_column_slice(r0.len(), 1, r0.as_slice()));
+    // M r, for what begins later.
+    let clean =
+        begins.then(|| problem.cleaned(&DMatrix::from_column_slice(r0.len(), 1, r0.as_slice())));
     let jobs: Vec<(usize, Start)> = all
         .iter()
         .enumerate()
@@ -118,7 +122,9 @@ pub fn columns(
         }
         let j = DMatrix::from_columns(&flat);
         let cleaned = problem.cleaned(&j);
-        let begun = problem.begun_by_stretch(&j, &clean, problem.edges());
+        let begun = clean.as_ref().map_or_else(Vec::new, |clean| {
+            problem.begun_by_stretch(&j, clean, problem.edges())
+        });
         let mut at = 0;
         let ready = columns.iter().map(|((i, start), own)| {
             let own = at..at + own.len();

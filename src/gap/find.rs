@@ -132,7 +132,7 @@ impl Search<'_> {
         let supply = supply_of(robot, supply, suspects, table, progress)?;
         let all = admitted(table, &replayed.present());
         progress.at(Stage::Explain, 0.0)?;
-        let ready = columns(&problem, &all, &scene(suspects), &[])?;
+        let ready = columns(&problem, &all, &scene(suspects), &[], begins)?;
         progress.at(Stage::Decide, 0.0)?;
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(options.seed);
         // Without a healthy session only the assumed noise separates noise from effects.
@@ -385,7 +385,6 @@ impl Search<'_> {
         let whole = traces_before(replayed)?;
         let later = std::mem::take(&mut found.finding.traces);
         found.finding.traces = whole.ending_with(later);
-        found.finding.traces.begins_s = Some(onset.ci95);
         Ok(Some((found, active)))
     }
 }

@@ -225,8 +225,6 @@ pub struct Traces {
     pub before_m: Vec<[f64; 3]>,
     /// With the effects.
     pub after_m: Vec<[f64; 3]>,
-    /// Interval of the time at which what is missing begins, s; none where it is there from the start.
-    pub begins_s: Option<[f64; 2]>,
     /// Orientation of the end pad (quaternion w, x, y, z): measured (not finite where nothing was captured),
     /// without, with.
     pub turns: [Vec<[f64; 4]>; 3],

@@ -503,7 +503,6 @@ fn traces(
             .collect()
     };
     Ok(Traces {
-        begins_s: None,
         t_s: replayed.t_s(),
         channels: present.iter().map(|c| channel_name(*c)).collect(),
         before: in_floors(before),

@@ -245,7 +245,7 @@ impl Page<'_> {
         let t = &self.finding.traces;
         let end = heat::scale(&t.before);
         let map = |title: &str, rows: &[Vec<f64>], caption: &str| {
-            heat::map(title, t, rows, end)
+            heat::map(title, (t, self.finding.onset.as_ref()), rows, end)
                 .map(|m| self.figure(&m, caption))
                 .unwrap_or_default()
         };
@@ -273,7 +273,7 @@ impl Page<'_> {
     }
 
     fn tip(&self) -> String {
-        let picture = plot::tip(&self.finding.traces);
+        let picture = plot::tip(&self.finding.traces, self.finding.onset.as_ref());
         if picture.is_empty() {
             return String::new();
         }

@@ -69,9 +69,7 @@ pub fn read_known(paths: &[PathBuf]) -> Result<Known> {
          the healthy sessions",
         path.display()
     );
-    let text = BASELINE.read_text(path)?;
-    let rig = Commissioned::from_toml(&text).with_context(|| path.display().to_string())?;
-    Ok(Known::Commissioned(Box::new(rig)))
+    Ok(Known::Commissioned(Box::new(baseline_in(path)?)))
 }
 
 /// The session files among what is given as baselines: one that was kept is none.
@@ -85,13 +83,12 @@ pub fn sessions_among(paths: &[PathBuf]) -> impl Iterator<Item = &Path> {
 /// # Errors
 /// When it cannot be read.
 pub fn read_baseline(path: &Path) -> Result<Option<Commissioned>> {
-    match is_baseline(path) {
-        true => Ok(match read_known(&[path.to_owned()])? {
-            Known::Commissioned(rig) => Some(*rig),
-            Known::Sessions(_) => None,
-        }),
-        false => Ok(None),
-    }
+    is_baseline(path).then(|| baseline_in(path)).transpose()
+}
+
+fn baseline_in(path: &Path) -> Result<Commissioned> {
+    let text = BASELINE.read_text(path)?;
+    Commissioned::from_toml(&text).with_context(|| path.display().to_string())
 }
 
 /// Whether a file holds a baseline: its first bytes show it.

@@ -31,7 +31,7 @@ use springtwin::recording;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS};
 use springtwin::sim::effects;
-use store::Store;
+use store::{Store, short};
 
 /// How often it is looked whether the generator is done.
 const LOOK: Duration = Duration::from_millis(50);
@@ -138,13 +138,10 @@ pub fn data_folder() -> PathBuf {
     user::data_folder().unwrap_or_else(|| std::env::temp_dir().join("springtwin"))
 }
 
-/// Digits of the robot's hash in the name of its baseline.
-const HASH_DIGITS: usize = 12;
-
 /// Where the baseline of a robot is kept: one for its file, with patches or without.
 fn baseline_file(data: &Path, robot: &RobotSpec) -> PathBuf {
-    let digits: String = robot.base_hash.chars().take(HASH_DIGITS).collect();
-    data.join("baselines").join(format!("{digits}.toml"))
+    data.join("baselines")
+        .join(format!("{}.toml", short(&robot.base_hash)))
 }
 
 /// Fits the rig in order to a healthy session and keeps it.
@@ -195,14 +192,19 @@ fn sheet_of_baseline(path: &Path, rig: &Commissioned, robot: &RobotSpec) -> Sess
             group("IMUs", IMU_0..CHANNELS, 3),
             group("motion capture", 0..SPRING_0, SPRING_0),
         ],
-        robot: match known {
-            Err(GapError::OtherRobot {
-                recorded, given, ..
-            }) => RobotMatch::Other { recorded, given },
-            _ => RobotMatch::Same,
-        },
+        robot: robot_match(known),
         simulated: None,
         kept_days: Some(age.as_secs_f64() / 86_400.0),
+    }
+}
+
+/// Whether what was recorded is of the robot in use, by the finder's own check.
+fn robot_match(checked: Result<(), GapError>) -> RobotMatch {
+    match checked {
+        Err(GapError::OtherRobot {
+            recorded, given, ..
+        }) => RobotMatch::Other { recorded, given },
+        _ => RobotMatch::Same,
     }
 }
 
@@ -275,12 +277,9 @@ fn sheet_of(
             1,
         ),
     ];
-    let robot = match springtwin::gap::same_robot(robot, session) {
-        _ if session.robot.is_empty() => RobotMatch::Silent,
-        Err(GapError::OtherRobot {
-            recorded, given, ..
-        }) => RobotMatch::Other { recorded, given },
-        _ => RobotMatch::Same,
+    let robot = match session.robot.is_empty() {
+        true => RobotMatch::Silent,
+        false => robot_match(springtwin::gap::same_robot(robot, session)),
     };
     SessionSheet {
         path: path.to_owned(),

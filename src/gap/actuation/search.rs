@@ -90,7 +90,7 @@ impl Search<'_> {
         so_far: Option<&Explained>,
     ) -> Result<Vec<Explained>, GapError> {
         let base = so_far.map(|e| e.fit.effects.clone()).unwrap_or_default();
-        let ready = columns(problem, &self.all, &scene(model.grid), &base)?;
+        let ready = columns(problem, &self.all, &scene(model.grid), &base, false)?;
         explain(problem, &self.all, &ready, so_far, 0.0, self.progress)
     }
 
@@ -204,7 +204,7 @@ impl Search<'_> {
         let r = problem.residual(&[])?;
         let losses = problem.held_out(&r, &DMatrix::zeros(r.len(), 0), &DVector::zeros(0));
         let mean_square = crate::gap::fit::cost(&problem, &r) / r.len() as f64;
-        let ready = columns(&problem, &self.all, &scene(model.grid), &[])?;
+        let ready = columns(&problem, &self.all, &scene(model.grid), &[], false)?;
         let significance = match healthy {
             Some(healthy) => {
                 let (nuisance, lambda) = model.nuisance(&[])?;

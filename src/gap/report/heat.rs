@@ -8,7 +8,7 @@ use std::io::Cursor;
 
 use image::{ImageFormat, Rgba, RgbaImage};
 
-use crate::gap::finding::Traces;
+use crate::gap::finding::{Onset, Traces};
 
 use super::markup::{at, base64, escape, fixed, label, line, rect, svg, ticks};
 
@@ -110,7 +110,12 @@ fn groups(channels: &[String]) -> Vec<(String, usize)> {
 }
 
 /// The map of `rows`, of the channels and times of `traces`, with names and time axis; `end` is the end of the colour scale in floors.
-pub(super) fn map(title: &str, traces: &Traces, rows: &[Vec<f64>], end: f64) -> Option<String> {
+pub(super) fn map(
+    title: &str,
+    (traces, onset): (&Traces, Option<&Onset>),
+    rows: &[Vec<f64>],
+    end: f64,
+) -> Option<String> {
     let (channels, t_s) = (&traces.channels[..], &traces.t_s[..]);
     let rows = &rows[..rows.len().min(channels.len())];
     let data = picture(rows, end)?;
@@ -135,19 +140,24 @@ pub(super) fn map(title: &str, traces: &Traces, rows: &[Vec<f64>], end: f64) -> 
         body += &line([LEFT - 70.0, y], [LEFT + wide, y], "rule");
     }
     body += &rect([LEFT, TOP], [wide, high], "frame");
-    body += &beginning(traces, [LEFT, TOP], [wide, high]);
+    body += &beginning(t_s, onset, [LEFT, TOP], [wide, high]);
     body += &time_axis(t_s, LEFT, wide, TOP + high);
     Some(svg(WIDTH, TOP + high + 36.0, title, &body))
 }
 
 /// When what is missing begins, over a picture: a line, and the width of its interval.
-pub(super) fn beginning(traces: &Traces, [left, top]: [f64; 2], [wide, high]: [f64; 2]) -> String {
-    let (Some(begins_s), Some(from), Some(to)) =
-        (traces.begins_s, traces.t_s.first(), traces.t_s.last())
-    else {
+pub(super) fn beginning(
+    t_s: &[f64],
+    onset: Option<&Onset>,
+    [left, top]: [f64; 2],
+    [wide, high]: [f64; 2],
+) -> String {
+    let (Some(onset), Some(from), Some(to)) = (onset, t_s.first(), t_s.last()) else {
         return String::new();
     };
-    let [a, b] = begins_s.map(|t| left + wide * ((t - from) / (to - from)).clamp(0.0, 1.0));
+    let [a, b] = onset
+        .ci95
+        .map(|t| left + wide * ((t - from) / (to - from)).clamp(0.0, 1.0));
     let x = 0.5 * (a + b);
     rect([a, top], [b - a, high], "begins")
         + &line([x, top], [x, top + high], "chance")

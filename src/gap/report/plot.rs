@@ -3,7 +3,7 @@
 use super::heat::{beginning, time_axis};
 use super::markup::{fixed, label, line, number, path, percent, rect, svg, ticks, with_error};
 use super::words::ranked_name;
-use crate::gap::finding::{ChannelError, Explained, GapSize, Ranked, Traces};
+use crate::gap::finding::{ChannelError, Explained, GapSize, Onset, Ranked, Traces};
 
 const WIDTH: f64 = 760.0;
 /// Candidates that are drawn.
@@ -234,7 +234,7 @@ pub(super) fn groups(channels: &[ChannelError]) -> String {
 }
 
 /// x, y and z of the tip over time, mm.
-pub(super) fn tip(traces: &Traces) -> String {
+pub(super) fn tip(traces: &Traces, onset: Option<&Onset>) -> String {
     const LEFT: f64 = 92.0;
     const HIGH: f64 = 130.0;
     const STEP: f64 = 146.0;
@@ -288,7 +288,7 @@ pub(super) fn tip(traces: &Traces) -> String {
                 class,
             );
         }
-        body += &beginning(traces, [LEFT, top], [wide, HIGH]);
+        body += &beginning(t, onset, [LEFT, top], [wide, HIGH]);
         bottom = top + HIGH;
     }
     if bottom == 0.0 {

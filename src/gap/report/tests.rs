@@ -79,7 +79,6 @@ fn traces() -> Traces {
     measured_m[400..430].fill([f64::NAN; 3]);
     let n = t_s.len();
     Traces {
-        begins_s: None,
         before: rows(1.0),
         after: rows(0.03),
         channels,

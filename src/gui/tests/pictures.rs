@@ -65,19 +65,21 @@ pub(super) fn picture(name: &str, size: [f32; 2], theme: Theme, app: App) {
     assert_drawn(&h, &image, name);
 }
 
+/// The texts in a shape.
+pub(super) fn texts<'a>(shape: &'a egui::Shape, found: &mut Vec<&'a egui::epaint::TextShape>) {
+    match shape {
+        egui::Shape::Text(text) => found.push(text),
+        egui::Shape::Vec(shapes) => shapes.iter().for_each(|s| texts(s, found)),
+        _ => {}
+    }
+}
+
 /// Least difference between a text and what is behind it, of 255.
 const CONTRAST: u8 = 30;
 
 /// What was laid out is seen in the picture: of the texts that are whole within the window, nine tenths differ in their
 /// place from what is behind them. The others may be covered, or pale because their control is off.
 pub(super) fn assert_drawn(h: &Harness<'_, App>, image: &image::RgbaImage, name: &str) {
-    fn texts<'a>(shape: &'a egui::Shape, found: &mut Vec<&'a egui::epaint::TextShape>) {
-        match shape {
-            egui::Shape::Text(text) => found.push(text),
-            egui::Shape::Vec(shapes) => shapes.iter().for_each(|s| texts(s, found)),
-            _ => {}
-        }
-    }
     let scale = h.ctx.pixels_per_point();
     let window = h.ctx.viewport_rect();
     let (mut seen, mut unseen) = (0, Vec::new());

@@ -13,8 +13,10 @@ use springtwin::robot::{REFERENCE, RobotSpec, without_last_patch};
 
 use crate::cli::read_toml;
 
-/// Digits of the robot's hash in the name of a copy in the data folder.
-const HASH_DIGITS: usize = 12;
+/// The start of a robot's hash, for the names of what belongs to it in the data folder.
+pub(super) fn short(hash: &str) -> String {
+    hash.chars().take(12).collect()
+}
 
 /// The copy of the robot file that carries the accepted patches.
 ///
@@ -73,8 +75,7 @@ impl Store {
         let name = self.beside.file_name().unwrap_or_default();
         let name = name.to_string_lossy();
         let stem = name.strip_suffix(".patched.toml").unwrap_or(&name);
-        let digits: String = hash.chars().take(HASH_DIGITS).collect();
-        let file = format!("{stem}-{digits}.patched.toml");
+        let file = format!("{stem}-{}.patched.toml", short(&hash));
         Ok(self.data.join("robots").join(file))
     }
 

@@ -206,7 +206,6 @@ fn a_sheet_tells_what_a_session_holds_and_whose_it_is() {
     assert_eq!(s.robot, RobotMatch::Silent);
 }
 
-#[cfg(unix)]
 /// The rig in order is fitted once: the file stands for it, with its channels, until it is fitted again. What the model cannot follow
 /// leaves the old one.
 #[test]
@@ -243,6 +242,7 @@ fn a_baseline_is_kept_per_robot_and_read_like_a_session() {
     std::fs::remove_dir_all(&dir).expect("cleans up");
 }
 
+#[cfg(unix)]
 #[test]
 fn a_page_that_no_browser_takes_is_told() {
     let page = Path::new("report.html");

@@ -175,7 +175,6 @@ pub(super) fn traces(
         grid.chambers().into_iter().map(one).collect()
     };
     Traces {
-        begins_s: None,
         t_s: grid.t_s.clone(),
         channels: grid
             .chambers()

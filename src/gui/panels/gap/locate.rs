@@ -153,7 +153,7 @@ fn map(ui: &mut Ui, outcome: &Outcome, locate: &mut LocateState, plot: f32) {
     HeatMap {
         channels: &t.channels,
         t_s: &t.t_s,
-        begins_s: t.begins_s,
+        begins_s: outcome.found.finding.onset.map(|o| o.ci95),
         rows,
         end,
         which: locate.shown as usize,
@@ -219,7 +219,7 @@ fn channel(ui: &mut Ui, outcome: &Outcome, locate: &mut LocateState, height: f32
         lines,
         range_s,
         mark_s: Some(*now_s),
-        begins_s: t.begins_s,
+        begins_s: outcome.found.finding.onset.map(|o| o.ci95),
         band: Some(HEALTHY),
         min_span: 2.0 * HEALTHY,
         legend: true,

@@ -347,7 +347,7 @@ fn ways(ui: &mut Ui, outcome: &Outcome) {
             lines,
             range_s: [*from, *to],
             mark_s: None,
-            begins_s: t.begins_s,
+            begins_s: outcome.found.finding.onset.map(|o| o.ci95),
             band: None,
             min_span: 2.0,
             legend: i == 0,

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::gap::{Finding, Located};
+use crate::gui::tests::pictures::texts;
 use crate::sim::effects::term;
 
 // The real finding with another verdict: what the screen makes of it.
@@ -288,7 +289,10 @@ fn a_beginning_is_marked_over_the_residuals_and_the_paths() {
         [t_s[0], t_s[t_s.len() - 1]][end]
     });
     let at = |share: f64| from + share * (to - from);
-    finding.traces.begins_s = Some([at(0.40), at(0.42)]);
+    finding.onset = Some(crate::gap::Onset {
+        t_s: at(0.41),
+        ci95: [at(0.40), at(0.42)],
+    });
     let found = Arc::new(Found {
         finding,
         patch: real.patch.clone(),
@@ -321,15 +325,12 @@ fn a_beginning_is_marked_over_the_residuals_and_the_paths() {
 
 /// How often a text is painted.
 fn times_painted(h: &Harness<'_, App>, text: &str) -> usize {
-    fn texts(shape: &egui::Shape, text: &str) -> usize {
-        match shape {
-            egui::Shape::Text(t) => usize::from(t.galley.text().trim() == text),
-            egui::Shape::Vec(all) => all.iter().map(|s| texts(s, text)).sum(),
-            _ => 0,
-        }
+    let mut found = Vec::new();
+    for clipped in &h.output().shapes {
+        texts(&clipped.shape, &mut found);
     }
-    let shapes = h.output().shapes.iter();
-    shapes.map(|s| texts(&s.shape, text)).sum()
+    let same = found.iter().filter(|t| t.galley.text().trim() == text);
+    same.count()
 }
 
 #[test]
