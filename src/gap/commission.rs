@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::config::CONFIG;
+use super::heading::{bent, fitted, knots};
 use super::noise::{Noise, bridged, start};
 use super::replay::{
     CalibrationParameter, Row, calibration_parameters, is_of_session, move_arm, nominal, residuals,
@@ -10,6 +11,7 @@ use super::replay::{
 use super::session::{CHANNELS, Grid, IMU_0, SPRING_0};
 use super::{GapError, Progress, Stage};
 use crate::robot::RobotSpec;
+use crate::signal::IMUS;
 use crate::sim::effects::{Active, EffectError, Simulated};
 
 /// A commissioned rig, or the factory model.
@@ -112,9 +114,18 @@ pub(super) fn wanders(k: CalibrationParameter) -> bool {
         )
 }
 
-/// Calibration parameters in a session through which the healthy arm has `moved`, and their variances about these values from
-/// session to session: what restarts in every session (it acts on readings alone) as this one shows it, where that is usual.
-/// Where it is not, the baseline's holds: the rest is an effect. The others as in the baseline.
+/// What the healthy rig is in a session.
+pub(super) struct InSession {
+    /// Its calibration parameters.
+    pub values: Vec<f64>,
+    /// Their variances about these values from session to session.
+    pub between: DVector<f64>,
+    /// Changes of each IMU's drift at the knots of the session, rad/s; none in a short one.
+    pub changes: [Vec<f64>; IMUS],
+}
+
+/// The healthy rig in a session through which it has `moved`: what restarts in every session (it acts on readings alone) as this
+/// one shows it, where that is usual. Where it is not, the baseline's holds: the rest is an effect. The others as in the baseline.
 ///
 /// # Errors
 /// [`EffectError`] when the arm cannot follow the session.
@@ -123,36 +134,36 @@ pub(super) fn in_session(
     grid: &Grid,
     baseline: &Baseline,
     moved: &Simulated,
-) -> Result<(Vec<f64>, DVector<f64>), EffectError> {
-    let (mut values, mut between) = (baseline.values.clone(), baseline.between.clone());
+) -> Result<InSession, EffectError> {
+    let mut out = InSession {
+        values: baseline.values.clone(),
+        between: baseline.between.clone(),
+        changes: Default::default(),
+    };
     let parameters = calibration_parameters();
     let restarted = restarted(&parameters);
     let rows = residuals(robot, grid, moved, &baseline.values, &[]);
     let columns = sensitivities_of(robot, grid, &baseline.values, &[], moved, &restarted)?;
+    let usual = |x: f64, variance: f64| x.powi(2) <= CONFIG.restarted_max.powi(2) * variance;
     for (i, column) in restarted.into_iter().zip(columns) {
-        // Beside a constant in every channel: ẋᵀe / ẋᵀẋ of what varies.
-        let (mut both, mut own) = (0.0, 0.0);
-        for c in 0..CHANNELS {
-            let known: Vec<usize> = (start()..rows.len())
-                .filter(|k| rows[*k][c].is_finite() && column[*k][c].is_finite())
-                .collect();
-            let mean =
-                |of: &[Row]| known.iter().map(|k| of[*k][c]).sum::<f64>() / known.len() as f64;
-            let (e, x) = (mean(&rows), mean(&column));
-            for k in known {
-                both += (column[k][c] - x) * (rows[k][c] - e);
-                own += (column[k][c] - x).powi(2);
-            }
+        let bends = knots(grid).into_iter().map(|t| bent(grid, &column, t));
+        let with_bends: Vec<Vec<Row>> = std::iter::once(column.clone()).chain(bends).collect();
+        let bend = CONFIG.heading_bend_rad_s.powi(2);
+        let wandered =
+            fitted(&rows, &with_bends).filter(|x| x[1..].iter().all(|x| usual(*x, bend)));
+        let Some(found) = wandered.or_else(|| fitted(&rows, &[column])) else {
+            continue;
+        };
+        if !usual(found[0], out.between[i]) {
+            out.between[i] = least(parameters[i]);
+            continue;
         }
-        if own > 0.0 {
-            let change = both / own;
-            match change.powi(2) <= CONFIG.restarted_max.powi(2) * between[i] {
-                true => values[i] += change,
-                false => between[i] = least(parameters[i]),
-            }
+        out.values[i] += found[0];
+        if let CalibrationParameter::Drift(imu) = parameters[i] {
+            out.changes[imu] = found[1..].to_vec();
         }
     }
-    Ok((values, between))
+    Ok(out)
 }
 
 /// Newton steps of the fit.

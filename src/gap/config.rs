@@ -87,6 +87,11 @@ pub struct FinderConfig {
     /// What a heading wanders by in a session on average, rad: gyroscope noise of 0.01 deg/s/√Hz, summed up over 90 s. Data
     /// sheets.
     pub heading_walk_rad: f64,
+    /// The drift of a heading is a straight line for this long, s. Statistics: as long as what a baseline is made from, usually.
+    pub heading_bend_s: f64,
+    /// Change of that drift from one such stretch to the next, rad/s: a gyro's zero rate that wanders by 2e-3 deg/s/√s, as in the
+    /// fusion filter. Data sheets.
+    pub heading_bend_rad_s: f64,
     /// Share of the diagonal in the covariance (shrinkage against chance correlations). Statistics.
     pub shrinkage: f64,
     /// Largest autoregressive coefficient; slower errors are treated as this slow. Statistics.
@@ -175,6 +180,8 @@ pub const CONFIG: FinderConfig = FinderConfig {
     between: 0.01,
     restarted_max: 4.3,
     heading_walk_rad: 2e-3,
+    heading_bend_s: 90.0,
+    heading_bend_rad_s: 3.3e-4,
     shrinkage: 0.1,
     phi_max: 0.97,
     looks: 2.0,

@@ -145,7 +145,10 @@ pub fn separate(
     names.extend(rivals.iter().map(|r| r.candidate.effect.id.to_owned()));
     let mut best: Option<(f64, &str)> = None;
     let (a, b) = (a.fit.active(), b.fit.active());
-    let here = replayed.runs.iter().map(|r| replayed.apart(r.grid, &a, &b));
+    let here = replayed
+        .runs
+        .iter()
+        .map(|r| replayed.apart(&r.grid, &a, &b));
     let here: f64 = here.collect::<Option<Vec<f64>>>()?.iter().sum();
     for (name, drive) in excitations {
         let Some(grid) = replayed.runs[0].grid.driven_by(drive) else {

@@ -84,7 +84,7 @@ fn structured(replayed: &Replayed) -> Result<Vec<Row>, GapError> {
 
 /// Takes from the springs and IMUs what the end pad's own error does in them.
 fn separated(robot: &RobotSpec, run: &Run, rows: &mut [Row]) {
-    let (grid, moved) = (run.grid, &run.healthy);
+    let (grid, moved) = (&run.grid, &run.healthy);
     let known = Correction::known(robot).and(&run.values, &[]).values;
     // Undo frame, clock and tracked body so that the captured pose is the end pad's own.
     let mut frame = moved.clone();
@@ -129,7 +129,7 @@ fn separated(robot: &RobotSpec, run: &Run, rows: &mut [Row]) {
 fn regressors(replayed: &Replayed) -> Vec<(String, DMatrix<f64>)> {
     let mut all: Vec<(String, DMatrix<f64>)> = Vec::new();
     for run in &replayed.runs {
-        let own = regressors_of(run.grid);
+        let own = regressors_of(&run.grid);
         if all.is_empty() {
             all = own;
             continue;

@@ -18,6 +18,7 @@ mod find;
 mod finding;
 mod fit;
 mod folds;
+mod heading;
 mod law;
 mod locate;
 mod misfit;

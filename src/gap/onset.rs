@@ -192,7 +192,7 @@ impl<'a> Begun<'a> {
         }
         let (first, end, drop) = within(&costs);
         let (at, lowest) = best(&costs);
-        let grid = self.replayed.runs[0].grid;
+        let grid = &self.replayed.runs[0].grid;
         let t_s = |bin: usize| grid.session.t_s[grid.first[bin]];
         let better = 0.5 * (least - lowest);
         log::debug!(

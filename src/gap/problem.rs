@@ -3,6 +3,7 @@
 //! r(α) = w(measured − predicted(α)); the nuisance parameters δ enter linearly with their prior:
 //! min over δ of |r − N δ|² + δᵀ Λ δ = rᵀ M r, M = I − N (NᵀN + Λ)⁻¹ Nᵀ.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -10,6 +11,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use super::GapError;
 use super::commission::{Baseline, in_session, sensitivities, wanders};
 use super::config::CONFIG;
+use super::heading::{bent, knots, straightened};
 use super::noise::start;
 use super::nuisance::Nuisance;
 use super::replay::{
@@ -47,8 +49,8 @@ pub struct Losses(pub Vec<f64>);
 
 /// One session of a rig: the arm moves through the measured pressures.
 pub struct Run<'a> {
-    /// The session.
-    pub grid: &'a Grid,
+    /// The session; a long one without what its headings have wandered by.
+    pub grid: Cow<'a, Grid>,
     /// Calibration parameters in it.
     pub values: Vec<f64>,
     /// Their variances from session to session.
@@ -74,7 +76,7 @@ impl Run<'_> {
     fn rows(&self, robot: &RobotSpec, effects: &[Active]) -> Result<Vec<Row>, EffectError> {
         let moved = self.moved(robot, effects)?;
         let moved = moved.as_ref().unwrap_or(&self.healthy);
-        Ok(residuals(robot, self.grid, moved, &self.values, effects))
+        Ok(residuals(robot, &self.grid, moved, &self.values, effects))
     }
 
     /// How the arm moves with effects; `None` as the healthy one where none of them acts on its motion.
@@ -89,7 +91,7 @@ impl Run<'_> {
                 Operator::Mechanics(_) | Operator::Pressure(_)
             )
         });
-        let moved = moves.then(|| move_arm(robot, self.grid, &self.values, effects));
+        let moved = moves.then(|| move_arm(robot, &self.grid, &self.values, effects));
         moved.transpose()
     }
 }
@@ -116,11 +118,15 @@ impl<'a> Replayed<'a> {
     ) -> Result<Self, EffectError> {
         let run = |grid: &&'a Grid| -> Result<Run<'a>, EffectError> {
             let healthy = move_arm(robot, grid, &baseline.values, &[])?;
-            let (values, between) = in_session(robot, grid, baseline, &healthy)?;
+            let own = in_session(robot, grid, baseline, &healthy)?;
+            let straight = own.changes.iter().all(Vec::is_empty);
             Ok(Run {
-                grid,
-                values,
-                between,
+                grid: match straight {
+                    true => Cow::Borrowed(grid),
+                    false => Cow::Owned(straightened(grid, &own.changes)),
+                },
+                values: own.values,
+                between: own.between,
                 healthy,
             })
         };
@@ -174,7 +180,7 @@ impl<'a> Replayed<'a> {
 
     /// Channels that hold enough data in every session.
     pub fn present(&self) -> [bool; CHANNELS] {
-        common_channels(self.runs.iter().map(|r| r.grid))
+        common_channels(self.runs.iter().map(|r| &*r.grid))
     }
 
     /// Evidence with these effects.
@@ -201,11 +207,17 @@ impl<'a> Replayed<'a> {
         let wandering: Vec<usize> = (0..count)
             .filter(|i| several && wanders(parameters[*i]))
             .collect();
-        let columns = count + self.runs.len() * wandering.len();
+        let wander = count + self.runs.len() * wandering.len();
+        let bends: usize = self
+            .runs
+            .iter()
+            .map(|run| IMUS * knots(&run.grid).len())
+            .sum();
+        let columns = wander + bends;
         let mut dense = DMatrix::zeros(self.bins() * per_bin, columns);
-        let mut end = 0;
+        let (mut end, mut bend) = (0, wander);
         for (k, run) in self.runs.iter().enumerate() {
-            let own = sensitivities(self.robot, run.grid, &run.values, &[], &run.healthy)?;
+            let own = sensitivities(self.robot, &run.grid, &run.values, &[], &run.healthy)?;
             let rows = end..end + run.grid.len() * per_bin;
             end = rows.end;
             for (i, column) in own.iter().enumerate() {
@@ -214,6 +226,17 @@ impl<'a> Replayed<'a> {
                 if let Some(place) = wandering.iter().position(|w| *w == i) {
                     let place = count + k * wandering.len() + place;
                     dense.view_range_mut(rows.clone(), place).copy_from(&column);
+                }
+            }
+            for (_, drift) in parameters
+                .iter()
+                .zip(&own)
+                .filter(|(p, _)| matches!(p, CalibrationParameter::Drift(_)))
+            {
+                for knot_s in knots(&run.grid) {
+                    let column = stack(baseline, &bent(&run.grid, drift, knot_s));
+                    dense.view_range_mut(rows.clone(), bend).copy_from(&column);
+                    bend += 1;
                 }
             }
         }
@@ -234,6 +257,9 @@ impl<'a> Replayed<'a> {
         };
         for (j, variance) in self.runs.iter().flat_map(own).enumerate() {
             lambda[(count + j, count + j)] = 1.0 / variance;
+        }
+        for i in wander..columns {
+            lambda[(i, i)] = CONFIG.heading_bend_rad_s.powi(-2);
         }
         for c in 0..combinations {
             for (s, sd) in sds.iter().enumerate() {
@@ -257,7 +283,7 @@ impl<'a> Replayed<'a> {
         let mut out: Vec<Vec<f64>> = Vec::new();
         let mut sds = Vec::new();
         for run in &self.runs {
-            let here = shapes(run.grid);
+            let here = shapes(&run.grid);
             out.resize(here.len(), Vec::new());
             sds = here.iter().map(|(_, sd)| *sd).collect();
             for (all, (shape, _)) in out.iter_mut().zip(&here) {

@@ -5,6 +5,7 @@
 //! The list of effects that are compared comes from the whole session; which of them a fold takes, and every number, from its
 //! training part.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use nalgebra::DVector;
@@ -308,22 +309,18 @@ fn response(here: &Replayed, without: &[Row], effects: &[Active]) -> Result<Vec<
 
 /// The same when the pressures of every session come in another order: the second half, then the first.
 fn redriven(replayed: &Replayed, effects: &[Active]) -> Result<Vec<Row>, GapError> {
-    let rotated = |run: &Run| {
-        let mut grid = run.grid.clone();
+    let run = |run: &Run| -> Result<Run<'static>, GapError> {
+        let mut grid = Grid::clone(&run.grid);
         let half = grid.gauge_pa.len() / 2;
         grid.gauge_pa.rotate_left(half);
-        grid
-    };
-    let grids: Vec<Grid> = replayed.runs.iter().map(rotated).collect();
-    let run = |(grid, run): (_, &Run)| -> Result<Run<'_>, GapError> {
         Ok(Run {
-            grid,
             values: run.values.clone(),
             between: run.between.clone(),
-            healthy: move_arm(replayed.robot, grid, &run.values, &[])?,
+            healthy: move_arm(replayed.robot, &grid, &run.values, &[])?,
+            grid: Cow::Owned(grid),
         })
     };
-    let runs = grids.iter().zip(&replayed.runs).map(run);
+    let runs = replayed.runs.iter().map(run);
     let other = Replayed {
         runs: runs.collect::<Result<_, _>>()?,
         ..*replayed
@@ -480,7 +477,7 @@ fn traces(
     let (mut plain, mut patched) = (Vec::new(), Vec::new());
     // In the frame of the motion capture, so that the rig's own frame and clock are no part of the gap.
     for run in &replayed.runs {
-        let (grid, values) = (run.grid, &run.values[..]);
+        let (grid, values) = (&run.grid, &run.values[..]);
         plain.extend(captured_poses(robot, grid, &run.healthy, values, &[]));
         let moved = run.moved(robot, effects)?;
         let moved = moved.as_ref().unwrap_or(&run.healthy);
