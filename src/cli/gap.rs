@@ -16,6 +16,8 @@ pub enum GapCommand {
     Commission(super::gap_commission::CommissionArgs),
     /// Find what is missing in the model of a rig
     Run(super::gap_run::RunArgs),
+    /// Go through a session as the live monitor does: whether twin and arm agree, and since when not
+    Watch(super::gap_watch::WatchArgs),
     /// Find what is missing as a law, where no effect of the table explains it
     Discover(super::gap_discover::DiscoverArgs),
     /// Print the laws of a patch as Rust items for the table of effects
@@ -40,6 +42,7 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
         GapCommand::Discover(a) => super::gap_discover::run(a, robot),
         GapCommand::Promote(a) => super::gap_discover::promote(a),
         GapCommand::Run(a) => super::gap_run::run(a, robot),
+        GapCommand::Watch(a) => super::gap_watch::run(a, robot),
         GapCommand::Effects { markdown } => {
             let mut report = table();
             if *markdown {

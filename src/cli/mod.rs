@@ -18,6 +18,7 @@ mod gap_bench;
 mod gap_commission;
 mod gap_discover;
 mod gap_run;
+mod gap_watch;
 mod import;
 mod imu;
 mod live;

@@ -664,8 +664,13 @@ fn sensitivities_of(
 pub fn difference(a: &[Row], b: &[Row], step: f64) -> Vec<Row> {
     a.iter()
         .zip(b)
-        .map(|(a, b)| std::array::from_fn(|c| (a[c] - b[c]) / step))
+        .map(|(a, b)| row_difference(a, b, step))
         .collect()
+}
+
+/// (a − b)/step.
+pub fn row_difference(a: &Row, b: &Row, step: f64) -> Row {
+    std::array::from_fn(|c| (a[c] - b[c]) / step)
 }
 
 /// JᵀJ and Jᵀe over the rows that `pick` chooses.

@@ -92,6 +92,13 @@ pub struct FinderConfig {
     /// Change of that drift from one such stretch to the next, rad/s: a gyro's zero rate that wanders by 2e-3 deg/s/√s, as in the
     /// fusion filter. Data sheets.
     pub heading_bend_rad_s: f64,
+    /// The live monitor averages squares of errors over this time, s. Development.
+    pub monitor_s: f64,
+    /// Limits of that average, in squares of what a rig in order has on average: of all channels together, and of one given the
+    /// others. Development.
+    pub monitor_limit: [f64; 2],
+    /// The square of one second counts at most so much. Development.
+    pub monitor_square_max: f64,
     /// Share of the diagonal in the covariance (shrinkage against chance correlations). Statistics.
     pub shrinkage: f64,
     /// Largest autoregressive coefficient; slower errors are treated as this slow. Statistics.
@@ -182,6 +189,9 @@ pub const CONFIG: FinderConfig = FinderConfig {
     heading_walk_rad: 2e-3,
     heading_bend_s: 90.0,
     heading_bend_rad_s: 3.3e-4,
+    monitor_s: 30.0,
+    monitor_limit: [5.0, 20.0],
+    monitor_square_max: 60.0,
     shrinkage: 0.1,
     phi_max: 0.97,
     looks: 2.0,

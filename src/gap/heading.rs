@@ -71,3 +71,74 @@ pub fn straightened(grid: &Grid, changes: &[Vec<f64>; IMUS]) -> Grid {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::session::{IMU_0, Session};
+    use crate::signal::{CHAMBERS, Pose, SPRINGS, SensorVec};
+
+    /// A session in which nothing but pressures was recorded.
+    fn driven(seconds: usize) -> Grid {
+        let t_s: Vec<f64> = (0..50 * seconds).map(|k| 0.02 * k as f64).collect();
+        let chamber_pa = t_s.iter().map(|t| [8e3 * t.sin(); CHAMBERS]).collect();
+        let session = Session {
+            chamber_pa,
+            sensors: vec![
+                SensorVec {
+                    spring_m: [0.15; SPRINGS],
+                    imu_ypr_rad: [[0.0; 3]; IMUS],
+                };
+                t_s.len()
+            ],
+            captured: vec![Some(Pose::identity()); t_s.len()],
+            t_s,
+            ..Session::default()
+        };
+        Grid::new(session).unwrap()
+    }
+
+    #[test]
+    fn a_short_session_has_no_knots_and_a_long_one_has_one_in_every_ninety_seconds() {
+        assert_eq!(knots(&driven(90)), [0.0; 0]);
+        assert_eq!(knots(&driven(134)), [0.0; 0]);
+        assert_eq!(knots(&driven(136)), [90.0]);
+        assert_eq!(knots(&driven(400)), [90.0, 180.0, 270.0]);
+    }
+
+    /// Beside a constant and what is fast, the drift and its changes come out, and taking them off leaves neither.
+    #[test]
+    fn changes_of_a_drift_are_found_and_taken_off() {
+        let mut grid = driven(300);
+        let (first, changes) = (4e-4, [-2e-4, 3e-4]);
+        let at = [90.0, 180.0];
+        for (s, t) in grid.sensors.iter_mut().zip(&grid.t_s) {
+            let t_s = t - grid.t_s[0];
+            let bends = at.iter().zip(changes).map(|(k, c)| c * (t_s - k).max(0.0));
+            s.imu_ypr_rad[1][0] = 0.1 + first * t_s + bends.sum::<f64>();
+        }
+        let row = |s: &SensorVec| {
+            let mut row = [0.0; CHANNELS];
+            row[IMU_0 + 3] = s.imu_ypr_rad[1][0];
+            row
+        };
+        let heading: Vec<Row> = grid.sensors.iter().map(row).collect();
+        let mut column = vec![[0.0; CHANNELS]; grid.len()];
+        for (row, t) in column.iter_mut().zip(&grid.t_s) {
+            row[IMU_0 + 3] = t - grid.t_s[0];
+        }
+        let bends = knots(&grid).into_iter().map(|k| bent(&grid, &column, k));
+        let columns: Vec<Vec<Row>> = std::iter::once(column.clone()).chain(bends).collect();
+        let found = fitted(&heading, &columns).unwrap();
+        for (found, wanted) in found.iter().zip([first, changes[0], changes[1]]) {
+            assert!((found - wanted).abs() < 1e-12, "{found:e} {wanted:e}");
+        }
+        let mut of_imu: [Vec<f64>; IMUS] = Default::default();
+        of_imu[1] = found[1..].to_vec();
+        let straight = straightened(&grid, &of_imu);
+        for (s, t) in straight.sensors.iter().zip(&grid.t_s) {
+            let wanted = 0.1 + first * (t - grid.t_s[0]);
+            assert!((s.imu_ypr_rad[1][0] - wanted).abs() < 1e-12);
+        }
+    }
+}

@@ -22,6 +22,7 @@ mod heading;
 mod law;
 mod locate;
 mod misfit;
+mod monitor;
 mod noise;
 mod nuisance;
 mod onset;
@@ -54,6 +55,7 @@ pub use law::{
     Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, find_law,
     library, patch_law, promoted,
 };
+pub use monitor::{Disagreement, Measured, Monitor};
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};
 pub use replay::{

@@ -649,9 +649,9 @@ fn shapes(grid: &Grid) -> Vec<(Vec<f64>, f64)> {
 }
 
 /// Usual size of a pressure, Pa.
-const USUAL_PA: f64 = 15e3;
+pub const USUAL_PA: f64 = 15e3;
 /// Usual size of its rate, Pa/s.
-const USUAL_PA_S: f64 = 5e3;
+pub const USUAL_PA_S: f64 = 5e3;
 
 /// Evidence of a session's rows, bin by bin.
 pub fn stack(baseline: &Baseline, rows: &[Row]) -> DVector<f64> {

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::GapError;
+use super::monitor::Measured;
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
 use crate::sim::effects::Trajectory;
@@ -297,6 +298,28 @@ impl Grid {
                 spread_pa: spread,
             });
         }
+        Ok(Self::averaged(session, gauge_pa, rate_hz))
+    }
+
+    /// Moments of a session that goes on; `None` where pressures are missing.
+    pub fn of_moments<'a>(moments: impl IntoIterator<Item = &'a Measured>) -> Option<Self> {
+        let mut session = Session::default();
+        let mut payload_kg = Vec::new();
+        for m in moments {
+            session.t_s.push(m.t_s);
+            session.chamber_pa.push(m.chamber_pa);
+            session.sensors.push(m.sensors.clone());
+            session.captured.push(None);
+            payload_kg.push(m.payload_kg);
+        }
+        session.payload_column_kg = Some(payload_kg);
+        let gauge_pa = filled(&session).ok()?;
+        Some(Self::averaged(session, gauge_pa, GRID_HZ))
+    }
+
+    /// Bins of 1/`rate_hz`.
+    fn averaged(session: Session, gauge_pa: Vec<[f64; CHAMBERS]>, rate_hz: f64) -> Self {
+        let n = session.t_s.len();
         let mut first = Vec::new();
         let mut bin = -1.0;
         for (k, t) in session.t_s.iter().enumerate() {
@@ -354,7 +377,7 @@ impl Grid {
         let all: [usize; CHAMBERS] = std::array::from_fn(|i| i);
         let known = |k: usize, i: usize| session.chamber_pa[k][i].is_finite();
         let holes_s = holes(&session.t_s, known, &all);
-        Ok(Self {
+        Self {
             holes_s,
             session,
             gauge_pa,
@@ -363,7 +386,7 @@ impl Grid {
             sensors,
             captured,
             present,
-        })
+        }
     }
 
     /// Its bins from `bin` on. The headings of the IMUs have drifted by `heading_rad` until then, which is taken off.

@@ -26,7 +26,7 @@ pub use effect::{
 };
 pub use operators::limited;
 pub(super) use run::built_in;
-pub use run::{arm_only, behind_gauges, gauges, read, simulate};
+pub use run::{OnTheWay, arm_only, behind_gauges, gauges, go_on, read, simulate};
 pub use table::EFFECTS;
 pub use terms::{Form, Input, Site, TERMS, Term, term};
 

@@ -108,6 +108,28 @@ pub fn arm_only(
     arm(model, t_s, chamber_pa, payload_kg, &ordered(effects))
 }
 
+/// An arm on its way through a trajectory that is not known to its end.
+#[derive(Default)]
+pub struct OnTheWay(Option<(State, Posture)>);
+
+/// Goes on with instants `from` on, as [`arm_only`] through all of them at once. What effects take from a course of pressures, they
+/// take from what is given.
+///
+/// # Errors
+/// As [`arm_only`]; the arm then begins again with the next call.
+pub fn go_on(
+    way: &mut OnTheWay,
+    model: &Model,
+    (t_s, chamber_pa): (&[f64], &[[f64; CHAMBERS]]),
+    from: usize,
+    payload_kg: &[f64],
+    effects: &[Active],
+) -> Result<Simulated, EffectError> {
+    let mut plant = Plant::new(model, 0.0);
+    plant.act((t_s, chamber_pa), &ordered(effects));
+    Ok(plant.run((t_s, chamber_pa), from, payload_kg, &mut way.0)?)
+}
+
 /// A model with effects of mechanics in it; their damping is lost.
 pub(in crate::sim) fn built_in(model: &Model, effects: &[Active]) -> Model {
     let mut plant = Plant::new(model, 0.0);
@@ -142,7 +164,7 @@ fn arm(
     let changes_kg: Vec<f64> = payload_kg.iter().map(|kg| kg - first_kg).collect();
     let mut plant = Plant::new(model, first_kg);
     plant.act((t_s, chamber_pa), ordered);
-    let mut out = plant.run(t_s, chamber_pa, &changes_kg)?;
+    let mut out = plant.run((t_s, chamber_pa), 0, &changes_kg, &mut None)?;
     out.chamber_pa = chamber_pa.to_vec();
     Ok(out)
 }
@@ -211,12 +233,14 @@ impl Plant {
         }
     }
 
+    /// The instants from `from` on, from where the arm is `at`; where it is nowhere yet, it comes to rest at the first of them.
     /// `changes_kg`: what the payload differs by at each time; the last one stays.
     fn run(
         mut self,
-        t_s: &[f64],
-        chamber_pa: &[[f64; CHAMBERS]],
+        (t_s, chamber_pa): (&[f64], &[[f64; CHAMBERS]]),
+        from: usize,
         changes_kg: &[f64],
+        at: &mut Option<(State, Posture)>,
     ) -> Result<Simulated, SimError> {
         if let Some(end) = self.model.rod.sections.last_mut() {
             end.masses.push(PointMass {
@@ -224,10 +248,12 @@ impl Plant {
                 kg: self.payload_kg,
             });
         }
-        let mut state = State::rest(&self.model);
+        let before = at.take();
+        let mut rests = before.is_none();
+        let (mut state, mut posture) =
+            before.unwrap_or_else(|| (State::rest(&self.model), Posture::default()));
         let mut out = Simulated::default();
-        let mut posture = Posture::default();
-        for (k, now_pa) in chamber_pa.iter().enumerate() {
+        for (k, now_pa) in chamber_pa.iter().enumerate().skip(from) {
             let change_kg = changes_kg.get(k).or(changes_kg.last());
             let end = self.model.rod.sections.last_mut();
             if let (Some(payload), Some(change_kg)) =
@@ -238,12 +264,15 @@ impl Plant {
             let t_since_s = t_s[k] - t_s[0];
             let before = (!self.reactions.is_empty())
                 .then(|| (state.strains.clone(), state.history.clone()));
-            let mut o = self.step(&mut state, k, (t_s, chamber_pa), &posture)?;
+            // At rest nothing pulls yet.
+            let dt_s = (!rests).then(|| t_s[k] - t_s[k - 1]);
+            rests = false;
+            let mut o = self.step(&mut state, k, (t_s, chamber_pa), dt_s, &posture)?;
             // What follows the posture is taken from the one before, and then from the one that it leads to.
             if let Some((strains, history)) = before {
                 posture = self.posture(&o, t_since_s, now_pa);
                 (state.strains, state.history) = (strains, history);
-                o = self.step(&mut state, k, (t_s, chamber_pa), &posture)?;
+                o = self.step(&mut state, k, (t_s, chamber_pa), dt_s, &posture)?;
                 posture = self.posture(&o, t_since_s, now_pa);
             }
             let pads = o.shape.base_from_pad;
@@ -251,15 +280,17 @@ impl Plant {
             out.base_from_pad.push(pads);
             out.captured.push([pads[1], pads[2]]);
         }
+        *at = Some((state, posture));
         Ok(out)
     }
 
-    /// The instant `k` of a trajectory, from the one before.
+    /// The instant `k` of a trajectory, `dt_s` after the one before; without one before the arm rests.
     fn step(
         &self,
         state: &mut State,
         k: usize,
         (t_s, chamber_pa): (&[f64], &[[f64; CHAMBERS]]),
+        dt_s: Option<f64>,
         posture: &Posture,
     ) -> Result<Observation, SimError> {
         let tension = |i: usize| -> f64 {
@@ -277,16 +308,9 @@ impl Plant {
             tip_force_n: (self.tip_force_n + (t_s[k] - t_s[0]) * self.tip_force_n_s).into(),
             ..Inputs::default()
         };
-        // The first instant has no before: the arm rests there, and nothing pulls yet.
-        match k {
-            0 => settle(&self.model, state, &inputs)?,
-            _ => step_overdamped(
-                &self.model,
-                state,
-                &inputs,
-                self.viscosity,
-                t_s[k] - t_s[k - 1],
-            )?,
+        match dt_s {
+            None => settle(&self.model, state, &inputs)?,
+            Some(dt_s) => step_overdamped(&self.model, state, &inputs, self.viscosity, dt_s)?,
         };
         Ok(observe(&self.model, state))
     }

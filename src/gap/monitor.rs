@@ -1,0 +1,578 @@
+//! The live monitor: whether springs and IMUs still read what the commissioned twin predicts from the pressures.
+//!
+//! It is causal and runs beside the arm. The commissioned model follows the measured pressures in bins of a tenth of a second. Once in a
+//! second the mean error e of the 24 channels is compared with its covariance in a rig in order, S = R + N P Nᵀ: R of what the
+//! baseline's session leaves, P of the calibration parameters, N their sensitivities in the present posture. eᵀ S⁻¹ e over the number
+//! of channels is about 1 in a rig in order, wherever the arm is; the monitor shows its mean over the last seconds as a ratio to a
+//! limit. What is missing is then a matter for [`super::find`], with the last minutes.
+//!
+//! Headings are not corrected by anything, so a filter with a heading and its drift follows each of them; only what the filter does
+//! not expect counts, and a drift beyond what restarting a gyro explains.
+
+use std::collections::VecDeque;
+
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+
+use super::GapError;
+use super::baseline::Commissioned;
+use super::commission::row_difference as difference;
+use super::config::CONFIG;
+use super::problem::{USUAL_PA, USUAL_PA_S};
+use super::replay::{CalibrationParameter, Row, calibration_parameters, is_mechanical, residuals};
+use super::session::{
+    CHANNELS, GRID_HZ, Grid, IMU_0, SPRING_0, Session, channel_name, recorded_with,
+};
+use crate::robot::RobotSpec;
+use crate::signal::{CHAMBERS, IMUS, Pose, SensorVec};
+use crate::sim::Model;
+use crate::sim::effects::{self, Active, EffectError, OnTheWay, Simulated};
+use crate::sim::patch::{self, Correction, motions};
+
+/// What is measured at an instant; NaN where nothing is.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Time, s.
+    pub t_s: f64,
+    /// Gauge pressures, Pa.
+    pub chamber_pa: [f64; CHAMBERS],
+    /// Springs and IMUs as they were read, nothing reconstructed.
+    pub sensors: SensorVec,
+    /// Declared payload, kg.
+    pub payload_kg: f64,
+}
+
+/// How far twin and arm disagree.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Disagreement {
+    /// Time of the newest bin that is judged, s.
+    pub t_s: f64,
+    /// Root mean square error of all channels, each in units of what a rig in order has, over its limit: above 1 they disagree.
+    pub ratio: f64,
+    /// The channel with the largest error.
+    pub channel: String,
+    /// When the error was last that of a rig in order, s.
+    pub since_s: f64,
+}
+
+impl Measured {
+    /// A session, moment by moment.
+    pub fn of(session: &Session) -> impl Iterator<Item = Self> {
+        let mut payload_kg = session.payload_kg;
+        (0..session.t_s.len()).map(move |k| {
+            let declared_kg = session.payload_column_kg.as_ref().map(|of| of[k]);
+            payload_kg = declared_kg
+                .filter(|kg| kg.is_finite())
+                .unwrap_or(payload_kg);
+            Self {
+                t_s: session.t_s[k],
+                chamber_pa: session.chamber_pa[k],
+                sensors: session.sensors[k].clone(),
+                payload_kg,
+            }
+        })
+    }
+}
+
+/// How much of the past is kept to take pressures and readings from, s.
+const KEPT_S: f64 = 10.0;
+/// The newest samples wait for those after them: pressures are smoothed over so long, s.
+const WAITS_S: f64 = 0.5;
+/// How often it judges, s.
+const EVERY_S: f64 = 1.0;
+/// Bins before those of the last second that are kept: readings lag.
+const TAIL: usize = 5;
+/// What friction and rubber remember from before it began is not known, s.
+const SETTLES_S: f64 = 10.0;
+
+/// Channels that it judges.
+const JUDGED: usize = CHANNELS - SPRING_0;
+
+/// A bin as it was measured and predicted.
+struct Bin {
+    t_s: f64,
+    measured: SensorVec,
+    predicted: SensorVec,
+    pads: [Pose; 3],
+}
+
+/// The arm of some calibration parameters on its way.
+struct Follower {
+    values: Vec<f64>,
+    model: Model,
+    /// Effects of calibration and patches on motion, and those before the gauges.
+    moving: Vec<Active>,
+    mechanical: Vec<Active>,
+    way: OnTheWay,
+}
+
+impl Follower {
+    fn new(robot: &RobotSpec, values: Vec<f64>) -> Self {
+        let Correction {
+            values: all,
+            effects: mut moving,
+        } = Correction::known(robot).and(&values, &[]);
+        moving.extend(motions(&all));
+        Self {
+            model: patch::model(robot, &all),
+            mechanical: moving
+                .iter()
+                .filter(|a| is_mechanical(a))
+                .cloned()
+                .collect(),
+            moving,
+            values,
+            way: OnTheWay::default(),
+        }
+    }
+
+    fn go_on(
+        &mut self,
+        course: (&[f64], &[[f64; CHAMBERS]]),
+        from: usize,
+        payload_kg: &[f64],
+    ) -> Result<Simulated, EffectError> {
+        effects::go_on(
+            &mut self.way,
+            &self.model,
+            course,
+            from,
+            payload_kg,
+            &self.mechanical,
+        )
+    }
+}
+
+/// The monitor.
+pub struct Monitor {
+    robot: RobotSpec,
+    arm: Follower,
+    /// The same arm in steps of a second, and one for every parameter that changes its motion, with the parameter and its change.
+    coarse: Follower,
+    changed: Vec<(usize, f64, Follower)>,
+    /// Parameters that change readings alone, with a change of each.
+    read: Vec<(usize, f64)>,
+    /// Covariance of the parameters of `changed` and `read`, in this order.
+    spread: DMatrix<f64>,
+    /// Covariance of the errors of a second, and the size of each.
+    noise: DMatrix<f64>,
+    floor: DVector<f64>,
+    samples: VecDeque<Measured>,
+    began_s: Option<f64>,
+    judged_s: Option<f64>,
+    before: Option<(f64, [f64; CHAMBERS])>,
+    bins: VecDeque<Bin>,
+    headings: [Heading; IMUS],
+    all: Level,
+    each: [Level; JUDGED],
+}
+
+/// Mean of a square over the last seconds, and when it was last that of a rig in order.
+#[derive(Clone, Copy, Default)]
+struct Level {
+    mean: f64,
+    quiet_s: f64,
+}
+
+impl Level {
+    fn add(&mut self, square: f64, t_s: f64) {
+        if square.is_finite() {
+            // One second that is far off is a blow.
+            self.mean += (square.min(CONFIG.monitor_square_max) - self.mean) / CONFIG.monitor_s;
+        }
+        if self.mean <= 1.0 {
+            self.quiet_s = t_s;
+        }
+    }
+}
+
+impl Monitor {
+    /// Of a commissioned rig.
+    ///
+    /// # Errors
+    /// [`GapError`] when the baseline is of another robot.
+    pub fn new(robot: &RobotSpec, rig: &Commissioned) -> Result<Self, GapError> {
+        recorded_with(robot, "the baseline", &rig.robot)?;
+        let parameters = calibration_parameters();
+        let mut values = rig.arm.values.clone();
+        let (mut changed, mut read) = (Vec::new(), Vec::new());
+        let mut drift = [0.0; IMUS];
+        for (i, k) in parameters.iter().enumerate() {
+            match *k {
+                // The drift of a heading is another one in every session.
+                CalibrationParameter::Drift(imu) => {
+                    values[i] = 0.0;
+                    drift[imu] = CONFIG.restarted_max * rig.arm.between[i].sqrt();
+                }
+                CalibrationParameter::Frame(_)
+                | CalibrationParameter::Clock
+                | CalibrationParameter::Body(_) => {}
+                k if k.is_mechanical() => changed.push((i, 0.1 * k.prior())),
+                k => read.push((i, 0.1 * k.prior())),
+            }
+        }
+        let all = changed.iter().chain(&read);
+        let places: Vec<usize> = all.map(|(i, _)| *i).collect();
+        let spread = DMatrix::from_fn(places.len(), places.len(), |a, b| {
+            let (a, b) = (places[a], places[b]);
+            let between = if a == b { rig.arm.between[a] } else { 0.0 };
+            rig.arm.covariance[(a, b)] + between
+        });
+        let with = |(i, change): (usize, f64)| {
+            let mut values = values.clone();
+            values[i] += change;
+            (i, change, Follower::new(robot, values))
+        };
+        let floors = rig.arm.channel_floor;
+        let (noise, floor) = of_seconds(rig.arm.healthy.as_deref().unwrap_or_default(), &floors);
+        Ok(Self {
+            changed: changed.into_iter().map(with).collect(),
+            arm: Follower::new(robot, values.clone()),
+            coarse: Follower::new(robot, values),
+            robot: robot.clone(),
+            read,
+            spread,
+            noise,
+            floor,
+            samples: VecDeque::new(),
+            began_s: None,
+            judged_s: None,
+            before: None,
+            bins: VecDeque::new(),
+            headings: std::array::from_fn(|i| Heading::new(floors[IMU_0 + 3 * i + 2], drift[i])),
+            all: Level::default(),
+            each: [Level::default(); JUDGED],
+        })
+    }
+
+    /// Takes what was measured; judges once in a second.
+    pub fn take(&mut self, m: Measured) -> Option<Disagreement> {
+        let follows = |last: &Measured| m.t_s > last.t_s && m.t_s - last.t_s < EVERY_S;
+        if !self.samples.back().is_none_or(follows) {
+            self.begin_again();
+        }
+        let began_s = *self.began_s.get_or_insert(m.t_s);
+        let now_s = m.t_s;
+        self.samples.push_back(m);
+        if now_s < self.judged_s.unwrap_or(began_s) + EVERY_S + WAITS_S {
+            return None;
+        }
+        let old = |s: &Measured| now_s - s.t_s > KEPT_S;
+        while self.samples.front().is_some_and(old) {
+            self.samples.pop_front();
+        }
+        let until_s = now_s - WAITS_S;
+        self.judged_s = Some(until_s);
+        let judged = self.follow(until_s).map(|(errors, columns)| {
+            if until_s - began_s > SETTLES_S {
+                self.judge(&errors, &columns, until_s);
+            }
+        });
+        match judged {
+            Some(()) => Some(self.worst(until_s)),
+            None => {
+                self.begin_again();
+                None
+            }
+        }
+    }
+
+    /// Where the arm is and how it came there is no longer known.
+    fn begin_again(&mut self) {
+        self.samples.clear();
+        self.bins.clear();
+        (self.began_s, self.judged_s, self.before) = (None, None, None);
+        let changed = self.changed.iter_mut().map(|(_, _, arm)| arm);
+        for arm in changed.chain([&mut self.arm, &mut self.coarse]) {
+            arm.way = OnTheWay::default();
+        }
+    }
+
+    /// Follows the arm up to `until_s`: the mean errors since the last time, and what a unit of each parameter changes in them.
+    /// `None` where it cannot be followed.
+    fn follow(&mut self, until_s: f64) -> Option<(Row, Vec<Row>)> {
+        let grid = Grid::of_moments(&self.samples)?;
+        let known_s = self
+            .bins
+            .back()
+            .map_or(f64::NEG_INFINITY, |b| b.t_s + 0.5 / GRID_HZ);
+        let from = grid.t_s.iter().position(|t| *t > known_s)?;
+        let to = grid
+            .t_s
+            .iter()
+            .position(|t| *t > until_s)
+            .unwrap_or(grid.len());
+        if to <= from || (from == 0 && !self.bins.is_empty()) {
+            return None;
+        }
+        let (t_s, gauge_pa) = (&grid.session.t_s, &grid.gauge_pa);
+        let behind = effects::behind_gauges(&self.robot, t_s, gauge_pa, &self.arm.moving);
+        let chamber_pa = grid.binned(&behind);
+        let payload_kg = grid.payload_kg();
+        let course = (&grid.t_s[..to], &chamber_pa[..to]);
+        let moved = self.arm.go_on(course, from, &payload_kg).ok()?;
+        for (k, bin) in (from..to).enumerate() {
+            self.bins.push_back(Bin {
+                t_s: grid.t_s[bin],
+                measured: grid.sensors[bin].clone(),
+                predicted: moved.sensors[k].clone(),
+                pads: moved.base_from_pad[k],
+            });
+        }
+        while self.bins.len() > to - from + TAIL {
+            self.bins.pop_front();
+        }
+        let (own, bins) = self.tail();
+        let rows = residuals(&self.robot, &own, &bins, &self.arm.values, &[]);
+        let errors = mean(&rows[rows.len() - (to - from)..]);
+        let last = &rows[rows.len() - 1];
+        let mut columns = self.changed_motions(
+            (grid.t_s[to - 1], chamber_pa[to - 1]),
+            &payload_kg[to.min(payload_kg.len()) - 1],
+        )?;
+        for (i, change) in &self.read {
+            let mut values = self.arm.values.clone();
+            values[*i] += change;
+            let shifted = residuals(&self.robot, &own, &bins, &values, &[]);
+            columns.push(difference(last, &shifted[shifted.len() - 1], *change));
+        }
+        Some((errors, columns))
+    }
+
+    /// What a unit of each parameter of `changed` changes in the readings, after a step to these pressures.
+    fn changed_motions(
+        &mut self,
+        (t_s, chamber_pa): (f64, [f64; CHAMBERS]),
+        payload_kg: &f64,
+    ) -> Option<Vec<Row>> {
+        let (times, pressures) = match self.before.replace((t_s, chamber_pa)) {
+            Some((before_s, before_pa)) => (vec![before_s, t_s], vec![before_pa, chamber_pa]),
+            None => (vec![t_s], vec![chamber_pa]),
+        };
+        let course = (&times[..], &pressures[..]);
+        let from = times.len() - 1;
+        let (mut now, _) = self.tail();
+        let last = now.len() - 1;
+        now.t_s.drain(..last);
+        now.sensors.drain(..last);
+        now.captured.drain(..last);
+        let robot = &self.robot;
+        let row = |arm: &mut Follower| -> Option<Row> {
+            let mut moved = arm.go_on(course, from, &[*payload_kg]).ok()?;
+            moved.chamber_pa = vec![chamber_pa];
+            Some(residuals(robot, &now, &moved, &arm.values, &[])[0])
+        };
+        let base = row(&mut self.coarse)?;
+        self.changed
+            .iter_mut()
+            .map(|(_, change, arm)| Some(difference(&base, &row(arm)?, *change)))
+            .collect()
+    }
+
+    /// The last bins as a session and as predicted, headings as expected.
+    fn tail(&self) -> (Grid, Simulated) {
+        let t_s: Vec<f64> = self.bins.iter().map(|b| b.t_s).collect();
+        let n = t_s.len();
+        let moved = Simulated {
+            sensors: self.bins.iter().map(|b| b.predicted.clone()).collect(),
+            base_from_pad: self.bins.iter().map(|b| b.pads).collect(),
+            captured: self.bins.iter().map(|b| [b.pads[1], b.pads[2]]).collect(),
+            chamber_pa: vec![[0.0; CHAMBERS]; n],
+            gauge_pa: Vec::new(),
+        };
+        let grid = Grid {
+            session: Session::default(),
+            gauge_pa: Vec::new(),
+            first: Vec::new(),
+            sensors: self.bins.iter().map(|b| self.turned_back(b)).collect(),
+            captured: vec![None; n],
+            present: [true; CHANNELS],
+            holes_s: Vec::new(),
+            t_s,
+        };
+        (grid, moved)
+    }
+
+    /// What a bin measured, without what its headings are expected to be off by.
+    fn turned_back(&self, bin: &Bin) -> SensorVec {
+        let mut out = bin.measured.clone();
+        for (ypr, heading) in out.imu_ypr_rad.iter_mut().zip(&self.headings) {
+            ypr[0] -= heading.expected_rad(bin.t_s);
+        }
+        out
+    }
+
+    fn judge(&mut self, errors: &Row, columns: &[Row], t_s: f64) {
+        for (i, heading) in self.headings.iter_mut().enumerate() {
+            let off_rad = errors[IMU_0 + 3 * i + 2];
+            if off_rad.is_finite() {
+                heading.correct(off_rad, t_s);
+            }
+        }
+        let known: Vec<usize> = (0..JUDGED)
+            .filter(|c| errors[SPRING_0 + c].is_finite() && self.floor[*c].is_finite())
+            .collect();
+        let n = DMatrix::from_fn(known.len(), columns.len(), |a, k| {
+            columns[k][SPRING_0 + known[a]]
+        });
+        let mut s = &n * &self.spread * n.transpose();
+        let excess = self.inadequacy();
+        for (a, c) in known.iter().enumerate() {
+            for (b, d) in known.iter().enumerate() {
+                s[(a, b)] += self.noise[(*c, *d)];
+            }
+            s[(a, a)] += excess * self.floor[*c].powi(2);
+        }
+        let e = DVector::from_iterator(known.len(), known.iter().map(|c| errors[SPRING_0 + c]));
+        let Some(inverse) = s.cholesky().map(|s| s.inverse()) else {
+            return;
+        };
+        let weighed = &inverse * &e;
+        // What one channel alone is off by, given all others.
+        for (a, c) in known.iter().enumerate() {
+            self.each[*c].add(weighed[a].powi(2) / inverse[(a, a)], t_s);
+        }
+        self.all
+            .add(e.dot(&weighed) / known.len().max(1) as f64, t_s);
+    }
+
+    /// Variance of the model inadequacy at the pressures of the last bins, in squares of the floor.
+    fn inadequacy(&self) -> f64 {
+        let Some(grid) = Grid::of_moments(&self.samples) else {
+            return 0.0;
+        };
+        let p = grid.binned(&grid.gauge_pa);
+        let (Some(now), Some(then)) = (p.last(), p.get(p.len().saturating_sub(GRID_HZ as usize)))
+        else {
+            return 0.0;
+        };
+        let level: f64 = now.iter().map(|p| (p / USUAL_PA).powi(2)).sum();
+        let rates = now.iter().zip(then).map(|(a, b)| (a - b) / USUAL_PA_S);
+        let rate: f64 = rates.map(|r| r * r).sum();
+        CONFIG.inadequacy.powi(2) * (1.0 + level) + CONFIG.inadequacy_rate.powi(2) * rate
+    }
+
+    fn worst(&self, t_s: f64) -> Disagreement {
+        let largest = |rank: &dyn Fn(usize) -> f64, n: usize| {
+            let best = (0..n).max_by(|a, b| rank(*a).total_cmp(&rank(*b)));
+            best.map_or((0, 0.0), |i| (i, rank(i)))
+        };
+        let (worst, one) = largest(&|c| self.each[c].mean, JUDGED);
+        let (imu, drift) = largest(&|i| self.headings[i].excess(), IMUS);
+        log::debug!(
+            "{t_s:.1} s: all {:.2}, {} {one:.2}, drift of IMU {} {drift:.2}",
+            self.all.mean,
+            channel_name(SPRING_0 + worst),
+            imu + 1
+        );
+        let all = self.all.mean / CONFIG.monitor_limit[0];
+        let one = one / CONFIG.monitor_limit[1];
+        let channel = |ratio: f64, since_s: f64| Disagreement {
+            t_s,
+            ratio: ratio.sqrt(),
+            channel: channel_name(SPRING_0 + worst),
+            since_s,
+        };
+        let of_all = channel(all, self.all.quiet_s);
+        let of_one = channel(one, self.each[worst].quiet_s);
+        let of_drift = Disagreement {
+            t_s,
+            ratio: drift,
+            channel: format!("drift of IMU {}", imu + 1),
+            since_s: self.headings[imu].quiet_s,
+        };
+        [of_one, of_drift]
+            .into_iter()
+            .fold(of_all, |most, next| match next.ratio > most.ratio {
+                true => next,
+                false => most,
+            })
+    }
+}
+
+/// Covariance of the mean errors of a second in a rig in order, and the size of each.
+fn of_seconds(rows: &[Row], floors: &Row) -> (DMatrix<f64>, DVector<f64>) {
+    let seconds: Vec<Row> = rows.chunks(GRID_HZ as usize).map(mean).collect();
+    let both = |a: usize, b: usize| -> f64 {
+        let of = |row: &Row| row[SPRING_0 + a] * row[SPRING_0 + b];
+        let products: Vec<f64> = seconds.iter().map(of).filter(|x| x.is_finite()).collect();
+        products.iter().sum::<f64>() / products.len().max(1) as f64
+    };
+    let noise = DMatrix::from_fn(JUDGED, JUDGED, |a, b| match a == b {
+        true => floors[SPRING_0 + a].powi(2).max(both(a, a)),
+        false => (1.0 - CONFIG.shrinkage) * both(a, b),
+    });
+    let floor = DVector::from_fn(JUDGED, |c, _| floors[SPRING_0 + c]);
+    (noise, floor)
+}
+
+/// Mean of every channel where it was measured.
+fn mean(rows: &[Row]) -> Row {
+    std::array::from_fn(|c| {
+        let known: Vec<f64> = rows
+            .iter()
+            .map(|r| r[c])
+            .filter(|x| x.is_finite())
+            .collect();
+        known.iter().sum::<f64>() / known.len() as f64
+    })
+}
+
+/// A heading and its drift, followed by a Kalman filter.
+struct Heading {
+    sd_rad: f64,
+    /// Drift beyond which no restart explains it, rad/s.
+    most_rad_s: f64,
+    at: Option<(f64, Vector2<f64>, Matrix2<f64>)>,
+    quiet_s: f64,
+}
+
+/// How uncertain heading (rad) and drift (rad/s) are at first.
+const HEADING_SD: [f64; 2] = [0.1, 5e-3];
+
+impl Heading {
+    fn new(sd_rad: f64, most_rad_s: f64) -> Self {
+        Self {
+            sd_rad,
+            most_rad_s,
+            at: None,
+            quiet_s: 0.0,
+        }
+    }
+
+    /// What it is expected to be off by, rad.
+    fn expected_rad(&self, t_s: f64) -> f64 {
+        self.at
+            .as_ref()
+            .map_or(0.0, |(at_s, x, _)| x[0] + x[1] * (t_s - at_s))
+    }
+
+    /// Takes what it is off by beyond that in the last second.
+    fn correct(&mut self, unexpected_rad: f64, t_s: f64) {
+        let [heading, drift] = HEADING_SD;
+        let first = Matrix2::new(heading * heading, 0.0, 0.0, drift * drift);
+        let (before_s, x, p) = self.at.unwrap_or((t_s, Vector2::zeros(), first));
+        let dt_s = t_s - before_s;
+        let step = Matrix2::new(1.0, dt_s, 0.0, 1.0);
+        let (mut x, mut p) = (step * x, step * p * step.transpose());
+        p[(0, 0)] += CONFIG.heading_walk_rad.powi(2) / CONFIG.heading_bend_s * dt_s;
+        p[(1, 1)] += CONFIG.heading_bend_rad_s.powi(2) / CONFIG.heading_bend_s * dt_s;
+        // Errors of a few seconds are alike.
+        let noise = self.sd_rad.powi(2) * CONFIG.monitor_s;
+        let gain = p.column(0) / (p[(0, 0)] + noise);
+        x += gain * unexpected_rad;
+        p -= gain * p.row(0);
+        self.at = Some((t_s, x, p));
+        if self.excess() < 0.5 {
+            self.quiet_s = t_s;
+        }
+    }
+
+    /// Its drift, as far as it is known, over what a restart explains.
+    fn excess(&self) -> f64 {
+        let Some((_, x, p)) = &self.at else {
+            return 0.0;
+        };
+        let known = (x[1].abs() - 2.0 * p[(1, 1)].sqrt()).max(0.0);
+        known / self.most_rad_s
+    }
+}
