@@ -1,21 +1,25 @@
 //! Options that several commands have, and parsers for values. An error names what was given and what is needed.
 
 use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 #[cfg(feature = "gui")]
 use std::time::Duration;
 
+use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 
 use springtwin::control::Gains;
 use springtwin::drive::{Instruments, Resets};
+use springtwin::gap::{Commissioned, Monitor};
+use springtwin::lab::gap_files::read_baseline;
 pub use springtwin::lab::ranges::{payload_in_range, pressures_in_range};
 use springtwin::link::wire::fault;
 use springtwin::link::{fault_names, fault_of_name};
 use springtwin::rig::Obstacle;
+use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, CHAMBERS, ControllerKind};
 use springtwin::task::Item;
-use springtwin::twin::RollingOf;
+use springtwin::twin::{RollingOf, Watch};
 
 /// The two controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -96,6 +100,49 @@ impl InstrumentArgs {
             registration: self.registration.clone(),
         }
     }
+}
+
+/// Whether the arm is compared with its commissioned twin.
+#[derive(Args, Clone)]
+pub struct MonitorArgs {
+    /// Compare the arm with what its commissioned twin predicts from the pressures, and warn where they disagree: a file that
+    /// `gap commission --baseline` wrote
+    #[arg(long, value_name = "FILE")]
+    pub baseline: Option<PathBuf>,
+}
+
+impl MonitorArgs {
+    /// The monitor that was asked for.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or is of another robot.
+    pub fn watch(&self, robot: &RobotSpec) -> anyhow::Result<Option<Watch>> {
+        let file = self.baseline.as_deref();
+        file.map(|file| watch(file, robot)).transpose()
+    }
+}
+
+/// A monitor of the rig that was commissioned in `file`.
+///
+/// # Errors
+/// When it cannot be read, or is of another robot.
+pub fn watch(file: &Path, robot: &RobotSpec) -> anyhow::Result<Watch> {
+    let rig = commissioned(file)?;
+    let monitor = Monitor::new(robot, &rig).with_context(|| file.display().to_string())?;
+    Ok(Watch::new(monitor))
+}
+
+/// The commissioned rig in a file.
+///
+/// # Errors
+/// When it cannot be read, or holds none.
+pub fn commissioned(file: &Path) -> anyhow::Result<Commissioned> {
+    read_baseline(file)?.with_context(|| {
+        format!(
+            "{} is no baseline file. `springtwin gap commission --baseline FILE` writes one",
+            file.display()
+        )
+    })
 }
 
 fn numbers<const N: usize>(text: &str, what: &str) -> Result<[f64; N], String> {

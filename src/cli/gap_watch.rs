@@ -2,13 +2,15 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use serde_json::json;
 
 use super::Report;
-use springtwin::gap::{Disagreement, Measured, Monitor};
-use springtwin::lab::gap_files::{Known, read_grids, read_known};
+use super::args::commissioned;
+use springtwin::gap::{Measured, Monitor};
+use springtwin::lab::gap_files::read_grids;
 use springtwin::robot::RobotSpec;
+use springtwin::signal::Disagreement;
 
 #[derive(clap::Args)]
 pub struct WatchArgs {
@@ -22,12 +24,7 @@ pub struct WatchArgs {
 
 /// `gap watch`.
 pub fn run(a: &WatchArgs, robot: &RobotSpec) -> Result<Report> {
-    let Known::Commissioned(rig) = read_known(std::slice::from_ref(&a.baseline))? else {
-        bail!(
-            "{} is no baseline file. `springtwin gap commission --baseline FILE` writes one",
-            a.baseline.display()
-        );
-    };
+    let rig = commissioned(&a.baseline)?;
     let grids = read_grids(std::slice::from_ref(&a.session))?;
     let session = &grids[0].session;
     let mut monitor = Monitor::new(robot, &rig)?;

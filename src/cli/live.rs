@@ -10,7 +10,7 @@ use std::sync::atomic::Ordering;
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 
-use super::args::{self, InstrumentArgs, Kind, RollingArgs};
+use super::args::{self, InstrumentArgs, Kind, MonitorArgs, RollingArgs};
 use super::outputs::Overwrite;
 use super::{Failed, Report, user};
 use springtwin::drive::{self, DEFAULT_RIG, Run, TwinBuilder, objects, rig_options};
@@ -78,6 +78,8 @@ pub struct RunArgs {
     pub drill: Vec<args::Drill>,
     #[command(flatten)]
     pub instruments: InstrumentArgs,
+    #[command(flatten)]
+    pub monitor: MonitorArgs,
     #[command(flatten)]
     pub rolling: RollingArgs,
 }
@@ -191,6 +193,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         .gains(a.controller.gains())
         .instruments(a.instruments.plain())
         .rolling(user::rolling_folder(), a.rolling.of())
+        .watch(a.monitor.watch(robot)?)
         .ends_with(super::signals::asked_to_end()?);
     carry_out(
         twin,
@@ -243,6 +246,8 @@ pub struct RecordArgs {
     #[command(flatten)]
     instruments: InstrumentArgs,
     #[command(flatten)]
+    monitor: MonitorArgs,
+    #[command(flatten)]
     rolling: RollingArgs,
 }
 
@@ -254,6 +259,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
         .rig(&a.rig, rig_options(0.0, 1))
         .instruments(a.instruments.plain())
         .rolling(user::rolling_folder(), a.rolling.of())
+        .watch(a.monitor.watch(robot)?)
         .ends_with(super::signals::asked_to_end()?);
     carry_out(
         twin,

@@ -196,6 +196,7 @@ fn open_window_with(recording: Option<&std::path::Path>, c: &Context<'_>) -> Res
         stream: None,
         drill: &[],
         instruments: &springtwin::drive::Instruments::default(),
+        baseline: None,
         recording,
         log: c.log,
     };
@@ -219,6 +220,7 @@ fn run_twin(a: &live::RunArgs, c: &Context<'_>) -> Result<Report> {
             stream: a.viewer(),
             drill: &a.drill,
             instruments: &a.instruments.plain(),
+            baseline: a.monitor.baseline.as_deref(),
             recording: None,
             log: c.log,
         };

@@ -61,6 +61,8 @@ pub struct Opening<'a> {
     pub drill: &'a [Drill],
     /// Calibration and motion capture.
     pub instruments: &'a Instruments,
+    /// The commissioned rig that the arm is compared with, if one is named.
+    pub baseline: Option<&'a Path>,
     /// A recording that is shown from the start.
     pub recording: Option<&'a Path>,
     /// The log, which the window keeps in a file and whose warnings it shows.
@@ -88,6 +90,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         options: a.options.clone(),
         kind: a.kind,
         instruments: a.instruments.clone(),
+        baseline: a.baseline.map(Path::to_owned),
         twins: Twins::default(),
         ends: Arc::clone(&ends),
         stall: a.drill.iter().find_map(Drill::stall),

@@ -19,7 +19,7 @@ use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::signal::{ControllerKind, Snapshot, Stamp, StreamStatus};
 use crate::twin::{
-    Clock, Command, Event, Handle, LAST_WORDS, Maps, Pace, Port, RollingOf, Runner, Twin,
+    Clock, Command, Event, Handle, LAST_WORDS, Maps, Pace, Port, RollingOf, Runner, Twin, Watch,
     run_in_real_time, run_in_simulated_time, sensing_for, spawn_until,
 };
 
@@ -37,6 +37,7 @@ pub struct TwinBuilder<'a> {
     port: Option<Box<dyn Port>>,
     stopwatch: Option<Stopwatch>,
     rolling: Option<(RollingFolder, RollingOf)>,
+    watch: Option<Watch>,
     ends: Arc<AtomicBool>,
     start: Instant,
 }
@@ -63,6 +64,7 @@ impl<'a> TwinBuilder<'a> {
             port: None,
             stopwatch: None,
             rolling: None,
+            watch: None,
             ends: Arc::default(),
             start,
         }
@@ -129,6 +131,12 @@ impl<'a> TwinBuilder<'a> {
         self
     }
 
+    /// Compares the arm with its commissioned twin.
+    pub fn watch(mut self, watch: Option<Watch>) -> Self {
+        self.watch = watch;
+        self
+    }
+
     /// Ends every run once this is set: the boards are stopped, and recordings are completed.
     pub fn ends_with(mut self, ended: Arc<AtomicBool>) -> Self {
         self.ends = ended;
@@ -185,6 +193,9 @@ impl<'a> TwinBuilder<'a> {
         }
         if let Some((folder, of)) = self.rolling {
             runner.keep_rolling(folder, of);
+        }
+        if let Some(watch) = self.watch {
+            runner.watch(watch);
         }
         Ok(Driver {
             runner,

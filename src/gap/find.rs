@@ -524,7 +524,7 @@ fn against_floor(verdict: Verdict, channels: &[ChannelError]) -> Option<(Verdict
         Verdict::NothingMissing if ratio > CONFIG.far => Some((
             Verdict::Unknown,
             format!(
-                "It cannot be decided whether something is missing: no effect gains significantly, but the error of {} is {ratio:.1} times that of a healthy session.",
+                "It cannot be decided whether something is missing: no effect gains significantly, but the error of {} is {ratio:.1} times that of a healthy session. What is uncertain of the rig in order would explain it: a baseline from healthy sessions that move like this one decides.",
                 match worst {
                     "r3" => "the springs",
                     "r4" => "the IMUs",

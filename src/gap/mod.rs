@@ -55,7 +55,7 @@ pub use law::{
     Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, find_law,
     library, patch_law, promoted,
 };
-pub use monitor::{Disagreement, Measured, Monitor};
+pub use monitor::{Measured, Monitor};
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};
 pub use replay::{

@@ -23,7 +23,7 @@ use super::session::{
     CHANNELS, GRID_HZ, Grid, IMU_0, SPRING_0, Session, channel_name, recorded_with,
 };
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, IMUS, Pose, SensorVec};
+use crate::signal::{CHAMBERS, Disagreement, IMUS, Pose, SensorVec};
 use crate::sim::Model;
 use crate::sim::effects::{self, Active, EffectError, OnTheWay, Simulated};
 use crate::sim::patch::{self, Correction, motions};
@@ -39,19 +39,6 @@ pub struct Measured {
     pub sensors: SensorVec,
     /// Declared payload, kg.
     pub payload_kg: f64,
-}
-
-/// How far twin and arm disagree.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Disagreement {
-    /// Time of the newest bin that is judged, s.
-    pub t_s: f64,
-    /// Root mean square error of all channels, each in units of what a rig in order has, over its limit: above 1 they disagree.
-    pub ratio: f64,
-    /// The channel with the largest error.
-    pub channel: String,
-    /// When the error was last that of a rig in order, s.
-    pub since_s: f64,
 }
 
 impl Measured {

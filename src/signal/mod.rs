@@ -8,6 +8,7 @@ mod alarm;
 mod channel;
 mod command;
 mod dataset;
+mod disagreement;
 mod exactly;
 mod frame;
 mod health;
@@ -25,6 +26,7 @@ pub use alarm::{Alarm, AlarmCause, AlarmKey, ENOUGH_SENSORS, Severity, TOO_FEW_S
 pub use channel::{Side, Target};
 pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};
+pub use disagreement::Disagreement;
 pub use exactly::exactly;
 pub use frame::{
     BOARDS, Delivered, ImuRaw, RawFrame, SensorFrame, SensorVec, Swap, board_of_spring,

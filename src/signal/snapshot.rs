@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Alarm, ArmShape, BOARDS, ControllerKind, Goal, Gripper, Matrix6, MeshShape, Pose,
+    Alarm, ArmShape, BOARDS, ControllerKind, Disagreement, Goal, Gripper, Matrix6, MeshShape, Pose,
     PressureCommand, RawFrame, SensorFrame, SensorRef, Simulator, Stamp, Via,
 };
 
@@ -277,6 +277,8 @@ pub struct Snapshot {
     pub mesh_trouble: Option<String>,
     /// What is abnormal now, most urgent first.
     pub alarms: Vec<Alarm>,
+    /// How far twin and arm disagree, where a monitor runs. Not kept in recordings.
+    pub disagreement: Option<Disagreement>,
     /// Mass in the gripper as declared by the operator, or by the plan that gripped it, kg.
     pub payload_kg: f64,
     /// Name of the recording being written, if any.

@@ -21,6 +21,7 @@ mod shape;
 mod stream;
 mod trial;
 mod view;
+mod watch;
 
 pub use command::{Command, Event, Handle, Pictures};
 pub use core::{RESUME_OFF_S, Twin};
@@ -37,6 +38,7 @@ pub use stream::LAST_WORDS;
 pub use trial::{
     FrameLog, Rest, RestPoses, Spread, TRIAL_SETTLING_S, Trial, TrialErrors, mean as mean_pose,
 };
+pub use watch::Watch;
 
 #[cfg(test)]
 mod tests;

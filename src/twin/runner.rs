@@ -10,6 +10,7 @@ use super::record::Recordings;
 use super::rolling::{Rolling, RollingOf};
 use super::stream::{LAST_WORDS, Streams};
 use super::view::View;
+use super::watch::Watch;
 use crate::link::StopLine;
 use crate::recording::{ArmDrawing, QueueFull, RecordingMeta, RollingFolder};
 use crate::robot::RobotSpec;
@@ -24,6 +25,7 @@ pub struct Runner {
     pub(super) view: View,
     recordings: Recordings,
     rolling: Option<Rolling>,
+    watch: Option<Watch>,
     streams: Streams,
     /// Where simulated time is kept beside real time.
     real_time_factor: Option<f64>,
@@ -43,6 +45,7 @@ impl Runner {
             view: View::new(robot),
             recordings: Recordings::default(),
             rolling: None,
+            watch: None,
             streams: Streams::default(),
             real_time_factor: None,
             last_tick: Stamp::ZERO,
@@ -58,6 +61,11 @@ impl Runner {
     /// Keeps a rolling recording in a folder, from Arm on.
     pub fn keep_rolling(&mut self, folder: RollingFolder, of: RollingOf) {
         self.rolling = Some(Rolling::new(folder, of));
+    }
+
+    /// Compares the arm with its commissioned twin from now on.
+    pub fn watch(&mut self, watch: Watch) {
+        self.watch = Some(watch);
     }
 
     /// The clock that passes at the other end of the port.
@@ -78,6 +86,9 @@ impl Runner {
     /// Lets a thread of its own settle the shapes.
     pub(super) fn draw_beside(&mut self) {
         self.view.draw_beside();
+        if let Some(watch) = &mut self.watch {
+            watch.beside();
+        }
     }
 
     /// Loses no row of a recording: ticks wait for the disk, because no clock waits for them.
@@ -105,6 +116,9 @@ impl Runner {
             let session = |name| session(robot, &self.twin, registration, &snapshot, name);
             rolling.update(now, &snapshot, self.recordings.full, session, &mut events);
             snapshot.rolling = rolling.status().clone();
+        }
+        if let Some(watch) = &mut self.watch {
+            watch.update(&mut snapshot, &mut events);
         }
         for event in &events {
             let level = match event {

@@ -11,6 +11,7 @@ mod firmware;
 #[cfg(unix)]
 mod gap_bench;
 mod gap_find;
+mod gap_watch;
 mod guide;
 mod lockstep;
 mod notes;

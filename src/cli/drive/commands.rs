@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use nalgebra::{Unit, Vector3};
 use serde_json::{Value, json};
 
-use crate::cli::args::{self, InstrumentArgs, Kind, RollingArgs};
+use crate::cli::args::{self, InstrumentArgs, Kind, MonitorArgs, RollingArgs};
 use crate::cli::outputs::Overwrite;
 use crate::cli::{Failed, Report};
 use springtwin::control::{ReachConfig, reach};
@@ -64,6 +64,8 @@ pub struct Common {
     #[command(flatten)]
     instruments: InstrumentArgs,
     #[command(flatten)]
+    monitor: MonitorArgs,
+    #[command(flatten)]
     rolling: RollingArgs,
 }
 
@@ -107,6 +109,7 @@ impl Common {
             .gains(self.controller.gains())
             .instruments(self.instruments.plain())
             .rolling(crate::cli::user::rolling_folder(), self.rolling.of())
+            .watch(self.monitor.watch(robot)?)
             .ends_with(crate::cli::signals::asked_to_end()?);
         let what = Drive {
             plan,

@@ -139,7 +139,7 @@ pub fn data_folder() -> PathBuf {
 }
 
 /// Where the baseline of a robot is kept: one for its file, with patches or without.
-fn baseline_file(data: &Path, robot: &RobotSpec) -> PathBuf {
+pub fn baseline_file(data: &Path, robot: &RobotSpec) -> PathBuf {
     data.join("baselines")
         .join(format!("{}.toml", short(&robot.base_hash)))
 }

@@ -9,7 +9,8 @@ use std::time::Duration;
 use anyhow::Result;
 
 use super::calibrate::Setting;
-use crate::cli::args::Kind;
+use super::gap::baseline_file;
+use crate::cli::args::{Kind, watch};
 use crate::cli::user::ROLLING;
 use springtwin::calibrate::Store;
 use springtwin::drive::{Driver, Instruments, TwinBuilder, is_virtual, model};
@@ -20,7 +21,7 @@ use springtwin::rig::RigOptions;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::registration::Registration;
 use springtwin::signal::{Mode, Snapshot};
-use springtwin::twin::{Command, Handle, Maps, RollingOf};
+use springtwin::twin::{Command, Handle, Maps, RollingOf, Watch};
 
 /// A port that was just let go may be held for a moment: so often it is tried, and so long apart.
 const TRIES: usize = 5;
@@ -69,6 +70,8 @@ pub struct Rigs {
     pub options: RigOptions,
     pub kind: Kind,
     pub instruments: Instruments,
+    /// The commissioned rig that the arm is compared with, if one was named.
+    pub baseline: Option<PathBuf>,
     /// Where the user's data are; without it no saved calibration is looked for.
     pub data: Option<PathBuf>,
     pub twins: Twins,
@@ -97,12 +100,27 @@ impl Rigs {
             .gains(self.kind.gains())
             .instruments(instruments)
             .rolling(self.rolling(), RollingOf::EveryArm)
+            .watch(self.watch(rig)?)
             .ends_with(Arc::clone(&self.ends))
             .build()?;
         if let Some(why) = trouble {
             driver.runner.twin.explain_calibration(why);
         }
         Ok(driver)
+    }
+
+    /// The monitor of `rig`: with the baseline that was named for it, or the one that is kept for the arm where it is a real one.
+    fn watch(&self, rig: &str) -> Result<Option<Watch>> {
+        if let Some(named) = self.baseline.as_deref().filter(|_| rig == self.rig) {
+            return watch(named, &self.robot).map(Some);
+        }
+        let data = self.data.as_deref().filter(|_| !is_virtual(rig));
+        let kept = data.map(|data| baseline_file(data, &self.robot));
+        Ok(kept.filter(|file| file.is_file()).and_then(|file| {
+            let read = watch(&file, &self.robot);
+            read.inspect_err(|e| log::warn!("twin and arm are not compared: {e:#}"))
+                .ok()
+        }))
     }
 
     /// Where rolling recordings go.
@@ -265,6 +283,7 @@ mod tests {
             options: rig_options(0.0, 1),
             kind: Kind::Ours,
             instruments: Instruments::default(),
+            baseline: None,
             data: Some(data.clone()),
             twins: Twins::default(),
             ends: Arc::default(),
@@ -307,6 +326,7 @@ mod tests {
             options: rig_options(0.0, 1),
             kind: Kind::Ours,
             instruments: Instruments::default(),
+            baseline: None,
             data: Some(data.clone()),
             twins: Twins::default(),
             ends: Arc::default(),
@@ -340,6 +360,7 @@ mod tests {
             options: rig_options(0.15, 1),
             kind: Kind::Ours,
             instruments: Instruments::default(),
+            baseline: None,
             data: None,
             twins: Twins::default(),
             ends: Arc::default(),

@@ -244,6 +244,7 @@ fn picture_services(
         options: rig_options(0.0, 1),
         kind: Kind::Ours,
         instruments: Instruments::default(),
+        baseline: None,
         // A picture does not depend on what was saved on this computer.
         data: None,
         twins: Twins::default(),

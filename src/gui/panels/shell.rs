@@ -448,6 +448,19 @@ fn items(live: &View<'_>) -> Vec<Item> {
         let ago = format!("{} ago", age(stale_s));
         all.push(item(Level::Normal, "", ago, hover.into()));
     }
+    all.extend(s.disagreement.as_ref().map(|d| {
+        let hover = format!(
+            "How far twin and arm disagree, over the limit: most in {}; in order until {:.0} s ago",
+            d.channel,
+            (s.stamp.seconds() - d.since_s).max(0.0)
+        );
+        item(
+            warn_if(d.ratio > 1.0),
+            "twin",
+            format!("{:.1}", d.ratio),
+            hover,
+        )
+    }));
     all.extend([
         vicon,
         item(

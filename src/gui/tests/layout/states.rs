@@ -13,7 +13,9 @@ use crate::gui::panels::plans::PlanKind;
 use crate::gui::panels::recordings::{Compared, Detail};
 use crate::gui::panels::sensors::Reading;
 use crate::gui::services::PortEntry;
-use crate::signal::{Alarm, AlarmCause, ChannelHealth, Evidence, Severity, UNKNOWN_M};
+use crate::signal::{
+    Alarm, AlarmCause, ChannelHealth, Disagreement, Evidence, Severity, UNKNOWN_M,
+};
 
 /// A screen in a state.
 pub struct State {
@@ -207,6 +209,19 @@ pub fn operate() -> Vec<State> {
             s.estimate = None;
             s
         }),
+        live(
+            "twin and arm disagree",
+            at,
+            Snapshot {
+                disagreement: Some(Disagreement {
+                    t_s: 120.0,
+                    ratio: 2.4,
+                    channel: "spring 11".into(),
+                    since_s: 98.0,
+                }),
+                ..fixture::snapshot(1.0)
+            },
+        ),
         live(
             "the mesh is late",
             at,

@@ -1,0 +1,14 @@
+//! How far twin and arm disagree, as the live monitor finds it.
+
+/// How far twin and arm disagree.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Disagreement {
+    /// Time of the newest reading that is judged, s.
+    pub t_s: f64,
+    /// Root mean square error, in units of what a rig in order has, over its limit: above 1 they disagree.
+    pub ratio: f64,
+    /// The channel with the largest error.
+    pub channel: String,
+    /// When the error was last that of a rig in order, s.
+    pub since_s: f64,
+}

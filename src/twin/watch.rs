@@ -1,0 +1,160 @@
+//! The live monitor beside the twin. It judges in a thread of its own where the twin keeps to real time, and within the tick
+//! where no clock waits.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+
+use super::command::Event;
+use crate::gap::{Measured, Monitor};
+use crate::signal::{Disagreement, Snapshot, Stamp};
+
+/// Frames that wait for the thread at most: a few seconds' worth. Where it does not keep up, the monitor begins again.
+const WAITING: usize = 500;
+/// Findings that wait for the twin at most: one comes in a second.
+const FOUND: usize = 8;
+/// Twin and arm agree again below this share of the limit.
+const AGREE: f64 = 0.8;
+
+/// A monitor of the live arm.
+pub struct Watch {
+    place: Place,
+    /// The newest frame that it has taken.
+    taken: Option<Stamp>,
+    newest: Option<Disagreement>,
+    /// Whether it has reported that they disagree.
+    reported: bool,
+}
+
+enum Place {
+    Here(Box<Monitor>),
+    Beside {
+        measured: SyncSender<Measured>,
+        found: Receiver<Disagreement>,
+    },
+    /// It could not be started.
+    Nowhere,
+}
+
+impl Watch {
+    /// With a monitor of the rig that the twin will run on.
+    pub fn new(monitor: Monitor) -> Self {
+        Self {
+            place: Place::Here(Box::new(monitor)),
+            taken: None,
+            newest: None,
+            reported: false,
+        }
+    }
+
+    /// Lets a thread of its own judge. The thread ends when this is dropped.
+    pub(super) fn beside(&mut self) {
+        let Place::Here(mut monitor) = std::mem::replace(&mut self.place, Place::Nowhere) else {
+            return;
+        };
+        let (measured, taken) = sync_channel::<Measured>(WAITING);
+        let (finds, found) = sync_channel(FOUND);
+        let work = move || {
+            for m in taken {
+                if let Some(new) = monitor.take(m) {
+                    let _ = finds.try_send(new);
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("monitor".to_owned());
+        match thread.spawn(work) {
+            Ok(_) => self.place = Place::Beside { measured, found },
+            Err(e) => log::warn!("twin and arm are not compared: no thread can be started ({e})"),
+        }
+    }
+
+    /// Takes what a snapshot measured, adds what is known of the disagreement to it, and reports when it begins and ends.
+    pub(super) fn update(&mut self, snapshot: &mut Snapshot, events: &mut Vec<Event>) {
+        if let Some(frame) = &snapshot.sensors
+            && self.taken.is_none_or(|taken| frame.stamp > taken)
+        {
+            self.taken = Some(frame.stamp);
+            let measured = Measured {
+                t_s: frame.stamp.seconds(),
+                chamber_pa: frame.chamber_pa,
+                sensors: frame.measured(),
+                payload_kg: snapshot.payload_kg,
+            };
+            match &mut self.place {
+                Place::Here(monitor) => {
+                    if let Some(new) = monitor.take(measured) {
+                        self.newest = Some(new);
+                    }
+                }
+                Place::Beside { measured: to, .. } => {
+                    let _ = to.try_send(measured);
+                }
+                Place::Nowhere => {}
+            }
+        }
+        if let Place::Beside { found, .. } = &self.place
+            && let Some(new) = found.try_iter().last()
+        {
+            self.newest = Some(new);
+        }
+        if let Some(newest) = &self.newest {
+            let stamp = snapshot.stamp;
+            if newest.ratio > 1.0 && !self.reported {
+                self.reported = true;
+                let text = format!(
+                    "Twin and arm disagree since {:.0} s ago, most in {}: what is missing in the model, Gap finds.",
+                    (newest.t_s - newest.since_s).max(0.0),
+                    newest.channel
+                );
+                events.push(Event::Warning { stamp, text });
+            } else if newest.ratio < AGREE && self.reported {
+                self.reported = false;
+                let text = "Twin and arm agree again.".to_owned();
+                events.push(Event::Notice { stamp, text });
+            }
+        }
+        snapshot.disagreement = self.newest.clone();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_disagreement_is_reported_when_it_begins_and_when_it_ends() {
+        let (measured, _taken) = sync_channel(1);
+        let (finds, found) = sync_channel(8);
+        let mut watch = Watch {
+            place: Place::Beside { measured, found },
+            taken: None,
+            newest: None,
+            reported: false,
+        };
+        let mut texts = Vec::new();
+        let mut shown = Vec::new();
+        for (k, ratio) in [0.5, 1.2, 1.1, 0.9, 1.1, 0.7, 0.6].into_iter().enumerate() {
+            let t_s = 60.0 + k as f64;
+            let new = Disagreement {
+                t_s,
+                ratio,
+                channel: "spring 4".to_owned(),
+                since_s: 55.0,
+            };
+            finds.send(new).expect("waits");
+            let mut snapshot = Snapshot {
+                stamp: Stamp::from_seconds(t_s + 0.5),
+                ..Snapshot::default()
+            };
+            let mut events = Vec::new();
+            watch.update(&mut snapshot, &mut events);
+            shown.push(snapshot.disagreement.map_or(f64::NAN, |d| d.ratio));
+            texts.extend(events.iter().map(|e| (k, e.text())));
+        }
+        assert_eq!(shown, [0.5, 1.2, 1.1, 0.9, 1.1, 0.7, 0.6]);
+        assert_eq!(texts.len(), 2, "{texts:?}");
+        assert_eq!((texts[0].0, texts[1].0), (1, 5));
+        assert!(
+            texts[0].1.contains("since 6 s ago, most in spring 4"),
+            "{texts:?}"
+        );
+    }
+}
