@@ -55,7 +55,7 @@ pub use law::{
     Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, find_law,
     library, patch_law, promoted,
 };
-pub use monitor::{Measured, Monitor};
+pub use monitor::Monitor;
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};
 pub use replay::{
@@ -63,7 +63,8 @@ pub use replay::{
     parameters, predicted, readings, residuals,
 };
 pub use session::{
-    CHANNELS, Grid, IMU_0, SECONDS_MIN, SPRING_0, Session, channel_name, recorded_with, same_robot,
+    CHANNELS, Grid, IMU_0, Measured, SECONDS_MIN, SPRING_0, Session, channel_name, recorded_with,
+    same_robot,
 };
 
 use rayon::prelude::*;

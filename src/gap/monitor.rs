@@ -20,45 +20,13 @@ use super::config::CONFIG;
 use super::problem::{USUAL_PA, USUAL_PA_S};
 use super::replay::{CalibrationParameter, Row, calibration_parameters, is_mechanical, residuals};
 use super::session::{
-    CHANNELS, GRID_HZ, Grid, IMU_0, SPRING_0, Session, channel_name, recorded_with,
+    CHANNELS, GRID_HZ, Grid, IMU_0, Measured, SPRING_0, Session, channel_name, recorded_with,
 };
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Disagreement, IMUS, Pose, SensorVec};
 use crate::sim::Model;
 use crate::sim::effects::{self, Active, EffectError, OnTheWay, Simulated};
 use crate::sim::patch::{self, Correction, motions};
-
-/// What is measured at an instant; NaN where nothing is.
-#[derive(Clone, Debug)]
-pub struct Measured {
-    /// Time, s.
-    pub t_s: f64,
-    /// Gauge pressures, Pa.
-    pub chamber_pa: [f64; CHAMBERS],
-    /// Springs and IMUs as they were read, nothing reconstructed.
-    pub sensors: SensorVec,
-    /// Declared payload, kg.
-    pub payload_kg: f64,
-}
-
-impl Measured {
-    /// A session, moment by moment.
-    pub fn of(session: &Session) -> impl Iterator<Item = Self> {
-        let mut payload_kg = session.payload_kg;
-        (0..session.t_s.len()).map(move |k| {
-            let declared_kg = session.payload_column_kg.as_ref().map(|of| of[k]);
-            payload_kg = declared_kg
-                .filter(|kg| kg.is_finite())
-                .unwrap_or(payload_kg);
-            Self {
-                t_s: session.t_s[k],
-                chamber_pa: session.chamber_pa[k],
-                sensors: session.sensors[k].clone(),
-                payload_kg,
-            }
-        })
-    }
-}
 
 /// How much of the past is kept to take pressures and readings from, s.
 const KEPT_S: f64 = 10.0;
@@ -144,7 +112,11 @@ pub struct Monitor {
     noise: DMatrix<f64>,
     floor: DVector<f64>,
     samples: VecDeque<Measured>,
+    /// Spans without pressures among them, s.
+    holes_s: Vec<[f64; 2]>,
     began_s: Option<f64>,
+    /// When another load was declared last, s.
+    rests_from_s: Option<f64>,
     judged_s: Option<f64>,
     before: Option<(f64, [f64; CHAMBERS])>,
     bins: VecDeque<Bin>,
@@ -221,7 +193,9 @@ impl Monitor {
             noise,
             floor,
             samples: VecDeque::new(),
+            holes_s: Vec::new(),
             began_s: None,
+            rests_from_s: None,
             judged_s: None,
             before: None,
             bins: VecDeque::new(),
@@ -233,11 +207,14 @@ impl Monitor {
 
     /// Takes what was measured; judges once in a second.
     pub fn take(&mut self, m: Measured) -> Option<Disagreement> {
-        let follows = |last: &Measured| m.t_s > last.t_s && m.t_s - last.t_s < EVERY_S;
-        if !self.samples.back().is_none_or(follows) {
-            self.begin_again();
+        match self.samples.back() {
+            Some(last) if m.t_s <= last.t_s || m.t_s - last.t_s >= EVERY_S => self.begin_again(),
+            // A load is declared some seconds before or after it is there.
+            Some(last) if m.payload_kg != last.payload_kg => self.rests_from_s = Some(m.t_s),
+            _ => {}
         }
         let began_s = *self.began_s.get_or_insert(m.t_s);
+        let settled_s = self.rests_from_s.map_or(began_s, |s| s.max(began_s)) + SETTLES_S;
         let now_s = m.t_s;
         self.samples.push_back(m);
         if now_s < self.judged_s.unwrap_or(began_s) + EVERY_S + WAITS_S {
@@ -249,18 +226,21 @@ impl Monitor {
         }
         let until_s = now_s - WAITS_S;
         self.judged_s = Some(until_s);
-        let judged = self.follow(until_s).map(|(errors, columns)| {
-            if until_s - began_s > SETTLES_S {
-                self.judge(&errors, &columns, until_s);
-            }
-        });
-        match judged {
-            Some(()) => Some(self.worst(until_s)),
-            None => {
-                self.begin_again();
-                None
+        let Some((errors, columns)) = self.follow(until_s) else {
+            self.begin_again();
+            return None;
+        };
+        for (i, heading) in self.headings.iter_mut().enumerate() {
+            let off_rad = errors[IMU_0 + 3 * i + 2];
+            if off_rad.is_finite() {
+                heading.correct(off_rad, until_s);
             }
         }
+        if until_s < settled_s {
+            return None;
+        }
+        self.judge(&errors, &columns, until_s);
+        Some(self.worst(until_s))
     }
 
     /// Where the arm is and how it came there is no longer known.
@@ -272,12 +252,17 @@ impl Monitor {
         for arm in changed.chain([&mut self.arm, &mut self.coarse]) {
             arm.way = OnTheWay::default();
         }
+        // Filters of orientation begin again after a gap, too.
+        self.headings
+            .iter_mut()
+            .for_each(|heading| heading.at = None);
     }
 
     /// Follows the arm up to `until_s`: the mean errors since the last time, and what a unit of each parameter changes in them.
     /// `None` where it cannot be followed.
     fn follow(&mut self, until_s: f64) -> Option<(Row, Vec<Row>)> {
         let grid = Grid::of_moments(&self.samples)?;
+        self.holes_s.clone_from(&grid.holes_s);
         let known_s = self
             .bins
             .back()
@@ -373,7 +358,7 @@ impl Monitor {
             sensors: self.bins.iter().map(|b| self.turned_back(b)).collect(),
             captured: vec![None; n],
             present: [true; CHANNELS],
-            holes_s: Vec::new(),
+            holes_s: self.holes_s.clone(),
             t_s,
         };
         (grid, moved)
@@ -389,12 +374,6 @@ impl Monitor {
     }
 
     fn judge(&mut self, errors: &Row, columns: &[Row], t_s: f64) {
-        for (i, heading) in self.headings.iter_mut().enumerate() {
-            let off_rad = errors[IMU_0 + 3 * i + 2];
-            if off_rad.is_finite() {
-                heading.correct(off_rad, t_s);
-            }
-        }
         let known: Vec<usize> = (0..JUDGED)
             .filter(|c| errors[SPRING_0 + c].is_finite() && self.floor[*c].is_finite())
             .collect();
@@ -561,5 +540,51 @@ impl Heading {
         };
         let known = (x[1].abs() - 2.0 * p[(1, 1)].sqrt()).max(0.0);
         known / self.most_rad_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A heading that drifts is expected where it is, and only a drift beyond what a restart explains counts.
+    #[test]
+    fn a_drift_is_followed_and_counts_once_no_restart_explains_it() {
+        let most_rad_s = 1e-3;
+        for (drift_rad_s, counts) in [(0.0, false), (8e-4, false), (-1.5e-3, true)] {
+            let mut heading = Heading::new(1e-3, most_rad_s);
+            for k in 0..120 {
+                let t_s = f64::from(k);
+                // A degree off at the beginning, and a pose that matters by a few milliradians.
+                let off_rad = 0.017 + drift_rad_s * t_s + 2e-3 * (0.3 * t_s).sin();
+                let unexpected_rad = off_rad - heading.expected_rad(t_s);
+                if k > 20 {
+                    assert!(
+                        unexpected_rad.abs() < 8e-3,
+                        "{drift_rad_s} at {t_s} s: {unexpected_rad:.1e}"
+                    );
+                }
+                heading.correct(unexpected_rad, t_s);
+            }
+            assert_eq!(
+                heading.excess() > 1.0,
+                counts,
+                "{drift_rad_s}: {}",
+                heading.excess()
+            );
+        }
+    }
+
+    #[test]
+    fn a_level_is_the_mean_square_of_the_last_seconds_and_a_blow_counts_little() {
+        let mut level = Level::default();
+        for k in 0..300 {
+            level.add(1.0, f64::from(k));
+        }
+        assert!((level.mean - 1.0).abs() < 1e-3);
+        level.add(1e9, 300.0);
+        level.add(f64::NAN, 301.0);
+        assert!(level.mean < 1.0 + CONFIG.monitor_square_max / CONFIG.monitor_s);
+        assert_eq!(level.quiet_s, 299.0);
     }
 }

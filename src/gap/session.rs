@@ -5,7 +5,6 @@ use std::borrow::Cow;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::GapError;
-use super::monitor::Measured;
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec};
 use crate::sim::effects::Trajectory;
@@ -235,6 +234,38 @@ pub fn holes(
 /// Whether a time lies in one of these spans.
 pub fn within(spans: &[[f64; 2]], t_s: f64) -> bool {
     spans.iter().any(|[a, b]| (*a..*b).contains(&t_s))
+}
+
+/// What is measured at an instant; NaN where nothing is.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// Time, s.
+    pub t_s: f64,
+    /// Gauge pressures, Pa.
+    pub chamber_pa: [f64; CHAMBERS],
+    /// Springs and IMUs as they were read, nothing reconstructed.
+    pub sensors: SensorVec,
+    /// Declared payload, kg.
+    pub payload_kg: f64,
+}
+
+impl Measured {
+    /// A session, moment by moment.
+    pub fn of(session: &Session) -> impl Iterator<Item = Self> {
+        let mut payload_kg = session.payload_kg;
+        (0..session.t_s.len()).map(move |k| {
+            let declared_kg = session.payload_column_kg.as_ref().map(|of| of[k]);
+            payload_kg = declared_kg
+                .filter(|kg| kg.is_finite())
+                .unwrap_or(payload_kg);
+            Self {
+                t_s: session.t_s[k],
+                chamber_pa: session.chamber_pa[k],
+                sensors: session.sensors[k].clone(),
+                payload_kg,
+            }
+        })
+    }
 }
 
 /// A session averaged into bins.

@@ -1,6 +1,6 @@
 //! The figures as Markdown.
 
-use super::{Confusion, Rung, Score, Share, State, Target};
+use super::{About, Confusion, Rung, Score, Share, State, Target};
 
 impl Score {
     /// The report; `head` is put below the title.
@@ -148,7 +148,10 @@ impl Score {
         let rows = missed.iter().map(|l| {
             vec![
                 l.name.clone(),
-                format!("{:?}", l.kind).to_lowercase(),
+                match l.kind {
+                    About::Alien => "unmodelled".to_owned(),
+                    kind => format!("{kind:?}").to_lowercase(),
+                },
                 l.truth.clone(),
                 l.reached.map_or("-".to_owned(), |r| format!("{r:.2}")),
                 match &l.error {
