@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::program::{json, refusal, scratch};
 
 /// A session of the virtual rig.
-fn session(dir: &Path, name: &str, args: &[&str]) -> String {
+pub fn session(dir: &Path, name: &str, args: &[&str]) -> String {
     let out = dir.join(name).to_str().expect("a path").to_owned();
     let mut all = vec!["rig", "session", "--out", &out, "--json"];
     all.extend(args);

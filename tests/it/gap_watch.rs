@@ -4,15 +4,8 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use crate::gap_find::session;
 use crate::program::{json, refusal, scratch};
-
-fn session(dir: &Path, name: &str, args: &[&str]) -> String {
-    let out = dir.join(name).to_str().expect("a path").to_owned();
-    let mut all = vec!["rig", "session", "--out", &out, "--json"];
-    all.extend(args);
-    json(&all);
-    out
-}
 
 fn watch(baseline: &str, session: &str) -> Value {
     json(&[
