@@ -20,7 +20,7 @@ use super::config::CONFIG;
 use super::problem::{USUAL_PA, USUAL_PA_S};
 use super::replay::{CalibrationParameter, Row, calibration_parameters, is_mechanical, residuals};
 use super::session::{
-    CHANNELS, GRID_HZ, Grid, IMU_0, Measured, SPRING_0, Session, channel_name, recorded_with,
+    CHANNELS, GRID_HZ, Grid, IMU_0, Measured, SPRING_0, Session, channel_name, mean, recorded_with,
 };
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Disagreement, IMUS, Pose, SensorVec};
@@ -48,6 +48,16 @@ struct Bin {
     measured: SensorVec,
     predicted: SensorVec,
     pads: [Pose; 3],
+}
+
+/// What a second has shown.
+struct Second {
+    /// Mean errors.
+    errors: Row,
+    /// What a unit of each parameter of `changed` and `read` changes in them.
+    columns: Vec<Row>,
+    /// Variance of the model inadequacy, in squares of the floor.
+    inadequacy: f64,
 }
 
 /// The arm of some calibration parameters on its way.
@@ -226,12 +236,12 @@ impl Monitor {
         }
         let until_s = now_s - WAITS_S;
         self.judged_s = Some(until_s);
-        let Some((errors, columns)) = self.follow(until_s) else {
+        let Some(second) = self.follow(until_s) else {
             self.begin_again();
             return None;
         };
         for (i, heading) in self.headings.iter_mut().enumerate() {
-            let off_rad = errors[IMU_0 + 3 * i + 2];
+            let off_rad = second.errors[IMU_0 + 3 * i + 2];
             if off_rad.is_finite() {
                 heading.correct(off_rad, until_s);
             }
@@ -239,7 +249,7 @@ impl Monitor {
         if until_s < settled_s {
             return None;
         }
-        self.judge(&errors, &columns, until_s);
+        self.judge(&second, until_s);
         Some(self.worst(until_s))
     }
 
@@ -258,9 +268,8 @@ impl Monitor {
             .for_each(|heading| heading.at = None);
     }
 
-    /// Follows the arm up to `until_s`: the mean errors since the last time, and what a unit of each parameter changes in them.
-    /// `None` where it cannot be followed.
-    fn follow(&mut self, until_s: f64) -> Option<(Row, Vec<Row>)> {
+    /// Follows the arm up to `until_s`. `None` where it cannot be followed.
+    fn follow(&mut self, until_s: f64) -> Option<Second> {
         let grid = Grid::of_moments(&self.samples)?;
         self.holes_s.clone_from(&grid.holes_s);
         let known_s = self
@@ -295,26 +304,28 @@ impl Monitor {
         }
         let (own, bins) = self.tail();
         let rows = residuals(&self.robot, &own, &bins, &self.arm.values, &[]);
-        let errors = mean(&rows[rows.len() - (to - from)..]);
+        let errors = mean_row(&rows[rows.len() - (to - from)..]);
         let last = &rows[rows.len() - 1];
-        let mut columns = self.changed_motions(
-            (grid.t_s[to - 1], chamber_pa[to - 1]),
-            &payload_kg[to.min(payload_kg.len()) - 1],
-        )?;
+        let now = (grid.t_s[to - 1], chamber_pa[to - 1]);
+        let mut columns = self.changed_motions(now, payload_kg[to - 1])?;
         for (i, change) in &self.read {
             let mut values = self.arm.values.clone();
             values[*i] += change;
             let shifted = residuals(&self.robot, &own, &bins, &values, &[]);
             columns.push(difference(last, &shifted[shifted.len() - 1], *change));
         }
-        Some((errors, columns))
+        Some(Second {
+            errors,
+            columns,
+            inadequacy: inadequacy(&grid.binned(gauge_pa)),
+        })
     }
 
     /// What a unit of each parameter of `changed` changes in the readings, after a step to these pressures.
     fn changed_motions(
         &mut self,
         (t_s, chamber_pa): (f64, [f64; CHAMBERS]),
-        payload_kg: &f64,
+        payload_kg: f64,
     ) -> Option<Vec<Row>> {
         let (times, pressures) = match self.before.replace((t_s, chamber_pa)) {
             Some((before_s, before_pa)) => (vec![before_s, t_s], vec![before_pa, chamber_pa]),
@@ -329,7 +340,7 @@ impl Monitor {
         now.captured.drain(..last);
         let robot = &self.robot;
         let row = |arm: &mut Follower| -> Option<Row> {
-            let mut moved = arm.go_on(course, from, &[*payload_kg]).ok()?;
+            let mut moved = arm.go_on(course, from, &[payload_kg]).ok()?;
             moved.chamber_pa = vec![chamber_pa];
             Some(residuals(robot, &now, &moved, &arm.values, &[])[0])
         };
@@ -373,7 +384,12 @@ impl Monitor {
         out
     }
 
-    fn judge(&mut self, errors: &Row, columns: &[Row], t_s: f64) {
+    fn judge(&mut self, second: &Second, t_s: f64) {
+        let Second {
+            errors,
+            columns,
+            inadequacy,
+        } = second;
         let known: Vec<usize> = (0..JUDGED)
             .filter(|c| errors[SPRING_0 + c].is_finite() && self.floor[*c].is_finite())
             .collect();
@@ -381,12 +397,11 @@ impl Monitor {
             columns[k][SPRING_0 + known[a]]
         });
         let mut s = &n * &self.spread * n.transpose();
-        let excess = self.inadequacy();
         for (a, c) in known.iter().enumerate() {
             for (b, d) in known.iter().enumerate() {
                 s[(a, b)] += self.noise[(*c, *d)];
             }
-            s[(a, a)] += excess * self.floor[*c].powi(2);
+            s[(a, a)] += inadequacy * self.floor[*c].powi(2);
         }
         let e = DVector::from_iterator(known.len(), known.iter().map(|c| errors[SPRING_0 + c]));
         let Some(inverse) = s.cholesky().map(|s| s.inverse()) else {
@@ -399,22 +414,6 @@ impl Monitor {
         }
         self.all
             .add(e.dot(&weighed) / known.len().max(1) as f64, t_s);
-    }
-
-    /// Variance of the model inadequacy at the pressures of the last bins, in squares of the floor.
-    fn inadequacy(&self) -> f64 {
-        let Some(grid) = Grid::of_moments(&self.samples) else {
-            return 0.0;
-        };
-        let p = grid.binned(&grid.gauge_pa);
-        let (Some(now), Some(then)) = (p.last(), p.get(p.len().saturating_sub(GRID_HZ as usize)))
-        else {
-            return 0.0;
-        };
-        let level: f64 = now.iter().map(|p| (p / USUAL_PA).powi(2)).sum();
-        let rates = now.iter().zip(then).map(|(a, b)| (a - b) / USUAL_PA_S);
-        let rate: f64 = rates.map(|r| r * r).sum();
-        CONFIG.inadequacy.powi(2) * (1.0 + level) + CONFIG.inadequacy_rate.powi(2) * rate
     }
 
     fn worst(&self, t_s: f64) -> Disagreement {
@@ -457,7 +456,7 @@ impl Monitor {
 
 /// Covariance of the mean errors of a second in a rig in order, and the size of each.
 fn of_seconds(rows: &[Row], floors: &Row) -> (DMatrix<f64>, DVector<f64>) {
-    let seconds: Vec<Row> = rows.chunks(GRID_HZ as usize).map(mean).collect();
+    let seconds: Vec<Row> = rows.chunks(GRID_HZ as usize).map(mean_row).collect();
     let both = |a: usize, b: usize| -> f64 {
         let of = |row: &Row| row[SPRING_0 + a] * row[SPRING_0 + b];
         let products: Vec<f64> = seconds.iter().map(of).filter(|x| x.is_finite()).collect();
@@ -471,16 +470,21 @@ fn of_seconds(rows: &[Row], floors: &Row) -> (DMatrix<f64>, DVector<f64>) {
     (noise, floor)
 }
 
+/// Variance of the model inadequacy at the last of these pressures, bin by bin, in squares of the floor.
+fn inadequacy(chamber_pa: &[[f64; CHAMBERS]]) -> f64 {
+    let second_ago = chamber_pa.len().saturating_sub(GRID_HZ as usize);
+    let (Some(now), Some(then)) = (chamber_pa.last(), chamber_pa.get(second_ago)) else {
+        return 0.0;
+    };
+    let level: f64 = now.iter().map(|p| (p / USUAL_PA).powi(2)).sum();
+    let rates = now.iter().zip(then).map(|(a, b)| (a - b) / USUAL_PA_S);
+    let rate: f64 = rates.map(|r| r * r).sum();
+    CONFIG.inadequacy.powi(2) * (1.0 + level) + CONFIG.inadequacy_rate.powi(2) * rate
+}
+
 /// Mean of every channel where it was measured.
-fn mean(rows: &[Row]) -> Row {
-    std::array::from_fn(|c| {
-        let known: Vec<f64> = rows
-            .iter()
-            .map(|r| r[c])
-            .filter(|x| x.is_finite())
-            .collect();
-        known.iter().sum::<f64>() / known.len() as f64
-    })
+fn mean_row(rows: &[Row]) -> Row {
+    std::array::from_fn(|c| mean(rows.iter().map(|r| r[c])))
 }
 
 /// A heading and its drift, followed by a Kalman filter.

@@ -525,7 +525,7 @@ impl Grid {
 }
 
 /// Mean of the finite values; NaN without any.
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
+pub fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut n) = (0.0, 0usize);
     for v in values.filter(|v| v.is_finite()) {
         sum += v;
