@@ -18,6 +18,8 @@ pub enum GapCommand {
     Run(super::gap_run::RunArgs),
     /// Go through a session as the live monitor does: whether twin and arm agree, and since when not
     Watch(super::gap_watch::WatchArgs),
+    /// Let the finder drive the rig by what separates best, until an effect is named or nothing is missing
+    Experiment(super::gap_experiment::ExperimentArgs),
     /// Find what is missing as a law, where no effect of the table explains it
     Discover(super::gap_discover::DiscoverArgs),
     /// Print the laws of a patch as Rust items for the table of effects
@@ -40,6 +42,7 @@ pub fn run(command: &GapCommand, robot: &RobotSpec, robot_file: Option<&Path>) -
         GapCommand::Bench(a) => super::gap_bench::run(a, robot_file, robot),
         GapCommand::Commission(a) => super::gap_commission::commission(a, robot),
         GapCommand::Discover(a) => super::gap_discover::run(a, robot),
+        GapCommand::Experiment(a) => super::gap_experiment::run(a, robot_file, robot),
         GapCommand::Promote(a) => super::gap_discover::promote(a),
         GapCommand::Run(a) => super::gap_run::run(a, robot),
         GapCommand::Watch(a) => super::gap_watch::run(a, robot),

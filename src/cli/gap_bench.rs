@@ -73,6 +73,10 @@ pub struct BenchArgs {
     /// and none, each proved on a third session with another excitation
     #[arg(long, conflicts_with_all = ["only", "shard"])]
     discover: bool,
+    /// Let the finder drive the rig: per seed effects of 2 and 4 times the floor and none, by designed excitations beside random
+    /// ones, chirps and a fixed list
+    #[arg(long, conflicts_with_all = ["only", "shard", "discover"])]
+    experiment: bool,
     /// Length of the sessions, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative, hide = true)]
     seconds: f64,
@@ -127,6 +131,7 @@ pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         seconds: a.seconds,
         finder: a.finder.clone(),
         discover: a.discover,
+        experiment: a.experiment,
     };
     // Cases and verdicts that are there are taken over, never replaced.
     a.overwrite.files(&a.out, &options.files())?;

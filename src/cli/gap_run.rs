@@ -51,7 +51,7 @@ pub struct RunArgs {
 }
 
 /// What `gap run --out` writes.
-const FOUND: [&str; 4] = ["patch.toml", "finding.json", "report.html", "overlay.rrd"];
+pub const FOUND: [&str; 4] = ["patch.toml", "finding.json", "report.html", "overlay.rrd"];
 
 /// `gap run`.
 pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
@@ -166,7 +166,7 @@ fn compared(a: &RunArgs) -> Result<(Vec<String>, Option<String>)> {
 }
 
 /// A finding for people.
-fn finding_text(f: &Finding) -> String {
+pub fn finding_text(f: &Finding) -> String {
     let name = |id: &str| effects::effect(id).map_or(id.to_owned(), |e| e.name.to_lowercase());
     let all = |e: &FoundEffect| {
         let at = e.target.map_or(String::new(), |t| format!(" {t}"));

@@ -17,6 +17,7 @@ mod gap;
 mod gap_bench;
 mod gap_commission;
 mod gap_discover;
+mod gap_experiment;
 mod gap_run;
 mod gap_watch;
 mod import;

@@ -82,6 +82,8 @@ commands! { c:
     Goto(a: drive::GotoArgs) => drive::goto(a, c.robot_file, c.robot),
     /// Follow a path and report how it went
     Follow(a: drive::FollowArgs) => drive::follow(a, c.robot_file, c.robot),
+    /// Move the arm through set pressures that excite it, and record it
+    Excite(a: drive::ExciteArgs) => drive::excite(a, c.robot_file, c.robot),
     /// Pick things up and put them into a basket
     PickPlace(a: drive::PickPlaceArgs) => drive::pick_place(a, c.robot_file, c.robot),
     /// The orientation filter on its own

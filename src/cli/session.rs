@@ -48,7 +48,7 @@ pub struct SessionArgs {
     truth: Option<PathBuf>,
 }
 
-fn excitation(text: &str) -> Result<Excitation, String> {
+pub fn excitation(text: &str) -> Result<Excitation, String> {
     Excitation::from_name(text).ok_or_else(|| {
         let names = Excitation::ALL.map(Excitation::name).join(", ");
         format!("there is no excitation '{text}': choose from {names}")

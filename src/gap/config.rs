@@ -99,6 +99,11 @@ pub struct FinderConfig {
     pub monitor_limit: [f64; 2],
     /// The square of one second counts at most so much. Development.
     pub monitor_square_max: f64,
+    /// What would be this far from a rig in order shows, and effects that are this far apart are separated, nats: about the
+    /// significance threshold of 90 s. Development.
+    pub experiment_nats: f64,
+    /// Share of the effects that must have had to show before an experiment ends with *nothing missing*. Development.
+    pub experiment_visible: f64,
     /// Share of the diagonal in the covariance (shrinkage against chance correlations). Statistics.
     pub shrinkage: f64,
     /// Largest autoregressive coefficient; slower errors are treated as this slow. Statistics.
@@ -192,6 +197,8 @@ pub const CONFIG: FinderConfig = FinderConfig {
     monitor_s: 30.0,
     monitor_limit: [5.0, 20.0],
     monitor_square_max: 60.0,
+    experiment_nats: 20.0,
+    experiment_visible: 0.9,
     shrinkage: 0.1,
     phi_max: 0.97,
     looks: 2.0,

@@ -13,6 +13,7 @@ mod closed_form;
 mod commission;
 mod config;
 mod describe;
+mod experiment;
 mod explain;
 mod find;
 mod finding;
@@ -46,6 +47,7 @@ pub use baseline::{BASELINE_START, BaselineError, Commissioned, Healthy};
 pub use candidates::Table;
 pub use commission::{Baseline, Rmse, rmse};
 pub use config::{CONFIG, FinderConfig};
+pub use experiment::{Belief, Design, Driven, Possible, Proposal};
 pub use find::{Found, Options, find};
 pub use finding::{
     ChannelError, Confirmed, Explained, FailedFold, Finding, FoundEffect, GapSize, Located, Onset,

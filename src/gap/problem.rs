@@ -488,6 +488,13 @@ impl<'a> Problem<'a> {
         a.tr_mul(b) - na.tr_mul(&self.normal.solve(&nb))
     }
 
+    /// Aᵀ M A for many stacked columns.
+    pub fn gram(&self, a: &DMatrix<f64>) -> DMatrix<f64> {
+        let seen = self.seen_by_nuisance(a);
+        // Not `tr_mul`, which is many times slower for large matrices.
+        a.transpose() * a - seen.transpose() * self.normal.solve(&seen)
+    }
+
     /// M x.
     pub fn cleaned(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
         x - self

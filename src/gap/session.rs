@@ -442,25 +442,32 @@ impl Grid {
     }
 
     /// A session of the same rig under other pressures; what would be measured is left empty.
-    pub fn driven_by(&self, drive: &Trajectory) -> Option<Self> {
-        let n = drive.t_s.len();
+    pub fn driven_by(&self, pressures: &Trajectory) -> Option<Self> {
+        Self::under(&self.session.robot, self.session.payload_kg, pressures).ok()
+    }
+
+    /// A session of the robot with this hash under some pressures; what would be measured is left empty.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn under(robot: &str, payload_kg: f64, pressures: &Trajectory) -> Result<Self, GapError> {
+        let n = pressures.t_s.len();
         let blank = SensorVec {
             spring_m: [0.0; SPRINGS],
             imu_ypr_rad: [[0.0; 3]; IMUS],
         };
         Self::new(Session {
-            name: self.session.name.clone(),
+            name: "excitation".to_owned(),
             hash: String::new(),
-            robot: self.session.robot.clone(),
-            payload_kg: self.session.payload_kg,
+            robot: robot.to_owned(),
+            payload_kg,
             payload_column_kg: None,
-            t_s: drive.t_s.clone(),
-            chamber_pa: drive.chamber_pa.clone(),
+            t_s: pressures.t_s.clone(),
+            chamber_pa: pressures.chamber_pa.clone(),
             commanded_pa: None,
             sensors: vec![blank; n],
             captured: vec![Some(Pose::identity()); n],
         })
-        .ok()
     }
 
     /// Which spans of it do not count, one sentence each.

@@ -17,6 +17,7 @@
 //! - [`solve`], [`replay`], [`estimate`]: the arm at rest, a session through the model, poses from its sensors.
 //! - [`mod@reprocess`]: a recording computed again from its raw frames.
 //! - [`mod@session`]: sessions of the virtual rig, through its whole chain.
+//! - [`experiment`]: the finder drives what separates best.
 //! - [`commission`], [`gap_files`], [`actuation`], [`patches`]: what the gap finder reads and writes.
 //! - [`mod@provenance`]: whether recordings that are used together were made alike.
 //! - [`import`]: motion capture as a session.
@@ -30,6 +31,7 @@ pub mod dataset;
 pub mod doctor;
 pub mod drive_log;
 pub mod estimate;
+pub mod experiment;
 mod frames;
 pub mod gap_bench;
 pub mod gap_files;

@@ -1,6 +1,9 @@
 //! What the arm shall do, part by part: go there, follow a path, grip.
 
+use std::sync::Arc;
+
 use super::path::Path;
+use super::programme::Programme;
 use crate::signal::{Goal, Gripper};
 
 /// How long the gripper takes to close or to open, s.
@@ -20,6 +23,8 @@ pub enum Leg {
         /// What it holds from then on besides what it held when the plan began, kg.
         payload_kg: f64,
     },
+    /// Set the pressures of a programme one after the other.
+    Excite(Arc<Programme>),
 }
 
 /// A path with a speed.
@@ -59,6 +64,14 @@ impl Plan {
         Self {
             name: "point to point".to_owned(),
             legs: vec![Leg::Move(goal)],
+        }
+    }
+
+    /// Through a programme of pressures.
+    pub fn excite(programme: Programme) -> Self {
+        Self {
+            name: programme.name.clone(),
+            legs: vec![Leg::Excite(Arc::new(programme))],
         }
     }
 
@@ -102,6 +115,14 @@ impl Plan {
         }
     }
 
+    /// Every programme of pressures in it.
+    pub fn programmes(&self) -> impl Iterator<Item = &Programme> {
+        self.legs.iter().filter_map(|leg| match leg {
+            Leg::Excite(programme) => Some(&**programme),
+            _ => None,
+        })
+    }
+
     /// Every goal on the way with the leg it belongs to and what the gripper holds then, kg: all of them must be
     /// reachable before anything moves. `base_kg` is held at the start.
     pub fn stops(&self, base_kg: f64) -> Vec<Stop> {
@@ -126,6 +147,7 @@ impl Plan {
                     }
                 }
                 Leg::Grip { payload_kg: kg, .. } => payload_kg = base_kg + kg,
+                Leg::Excite(_) => {}
             }
         }
         out

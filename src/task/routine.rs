@@ -1,8 +1,11 @@
 //! A plan under way: which leg, where the tip shall be now, what has happened.
 
+use std::sync::Arc;
+
 use super::goto::{Arrival, Goto, GotoState};
 use super::plan::{Follow, GRIP_S, Leg, Plan, Stop};
-use crate::signal::{Estimate, Goal, Gripper, Reach, Stamp, Via};
+use super::programme::Programme;
+use crate::signal::{CHAMBERS, Estimate, Goal, Gripper, Reach, Stamp, Via};
 
 /// Time in which the point on a path reaches its speed, s.
 const RAMP_S: f64 = 1.0;
@@ -35,6 +38,8 @@ pub enum Target<'a> {
     Goal(&'a Goal, Option<&'a Reach>),
     /// The next waypoint of a path, and the point that moves along it.
     Along(Goal, Via),
+    /// These pressures, Pa: no controller steers.
+    Pressures([f64; CHAMBERS]),
 }
 
 /// A point that moves along a path at an even speed, and waits for a tip that falls behind: pumps may be too slow
@@ -83,14 +88,7 @@ impl Tracker {
     }
 
     fn advance(&mut self, now: Stamp, tip_m: &[f64; 3]) {
-        // A pause of the program is not time on the path.
-        let since_s = self.now.map_or(0.0, |t| now.since(t));
-        let dt_s = if (0.0..=0.1).contains(&since_s) {
-            since_s
-        } else {
-            0.0
-        };
-        self.now = Some(now);
+        let dt_s = since_last(&mut self.now, now);
         let via = self.via();
         let along = nalgebra::Vector3::from(via.velocity_m_s).try_normalize(0.0);
         let behind = nalgebra::Vector3::from(via.position_m) - nalgebra::Vector3::from(*tip_m);
@@ -165,6 +163,22 @@ enum Doing {
     Following(Box<Tracker>),
     /// The gripper moves, and has since then; the arm keeps its last goal.
     Gripping(Option<Stamp>),
+    /// In a programme of pressures, so many seconds after its beginning; the last ones are kept.
+    Exciting {
+        programme: Arc<Programme>,
+        t_s: f64,
+        now: Option<Stamp>,
+    },
+}
+
+/// Time since the last update; a pause of the program is none.
+fn since_last(last: &mut Option<Stamp>, now: Stamp) -> f64 {
+    let since_s = last.replace(now).map_or(0.0, |t| now.since(t));
+    if (0.0..=0.1).contains(&since_s) {
+        since_s
+    } else {
+        0.0
+    }
 }
 
 /// A plan under way.
@@ -231,7 +245,7 @@ impl Routine {
                 }
                 // At the end of a path, or on the way to a goal.
                 Doing::Going(_) => matches!(self.plan.legs.get(self.leg), Some(Leg::Move(_))),
-                Doing::Gripping(_) => true,
+                Doing::Gripping(_) | Doing::Exciting { .. } => true,
             }
         });
         stops
@@ -246,7 +260,7 @@ impl Routine {
     pub fn waypoint(&self) -> Option<(usize, usize)> {
         match &self.doing {
             Doing::Following(t) => Some(t.count()),
-            Doing::Going(_) | Doing::Gripping(_) => None,
+            Doing::Going(_) | Doing::Gripping(_) | Doing::Exciting { .. } => None,
         }
     }
 
@@ -254,7 +268,7 @@ impl Routine {
     pub fn is_at_end(&self) -> bool {
         let kept = match &self.doing {
             Doing::Going(goto) => matches!(goto.state(), GotoState::AtGoal),
-            Doing::Following(_) | Doing::Gripping(_) => true,
+            Doing::Following(_) | Doing::Gripping(_) | Doing::Exciting { .. } => true,
         };
         self.is_over() && kept
     }
@@ -264,6 +278,9 @@ impl Routine {
         if let Doing::Following(t) = &self.doing {
             let goal = Goal::position(t.waypoint(t.next()));
             return Some(Target::Along(goal, t.via()));
+        }
+        if let Doing::Exciting { programme, t_s, .. } = &self.doing {
+            return Some(Target::Pressures(programme.at(*t_s)));
         }
         let (goal, reach) = self.kept.as_ref()?;
         Some(Target::Goal(goal, reach.as_ref()))
@@ -287,6 +304,16 @@ impl Routine {
                     let end = Goal::position(tracker.waypoint(0));
                     self.doing = Doing::Going(Goto::new(end.clone(), now));
                     self.kept = Some((end, None));
+                }
+            }
+            Doing::Exciting {
+                programme,
+                t_s,
+                now: last,
+            } => {
+                *t_s = (*t_s + since_last(last, now)).min(programme.seconds);
+                if *t_s >= programme.seconds {
+                    self.proceed(now);
                 }
             }
             Doing::Gripping(since) => {
@@ -335,6 +362,13 @@ impl Routine {
                 self.doing = Doing::Following(Box::new(Tracker::new(follow)));
             }
             Some(Leg::Grip { .. }) => self.doing = Doing::Gripping(None),
+            Some(Leg::Excite(programme)) => {
+                self.doing = Doing::Exciting {
+                    programme: Arc::clone(programme),
+                    t_s: 0.0,
+                    now: None,
+                };
+            }
             None => {}
         }
     }
@@ -362,6 +396,7 @@ mod tests {
                     tip_m = via.position_m;
                     way.push(tip_m);
                 }
+                Some(Target::Pressures(pa)) => tip_m = [pa[0], pa[1], pa[2]],
                 None => {}
             }
             let estimate = Estimate {

@@ -23,6 +23,7 @@ use crate::twin::view::View;
 mod alarms;
 #[cfg(all(unix, feature = "rrd"))]
 mod disk;
+mod excite;
 mod guards;
 mod late;
 mod nearest;

@@ -10,6 +10,7 @@ mod faults;
 mod firmware;
 #[cfg(unix)]
 mod gap_bench;
+mod gap_experiment;
 mod gap_find;
 mod gap_watch;
 mod guide;

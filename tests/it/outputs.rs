@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::program::{json, refusal, scratch};
 
 /// Every command that writes, with the arguments that it needs, and a file that it would write under `OUT`.
-const WRITERS: [(&str, &str, &str); 36] = [
+const WRITERS: [(&str, &str, &str); 38] = [
     (
         "dataset generate",
         "--samples 9 --out OUT/d.parquet",
@@ -20,6 +20,11 @@ const WRITERS: [(&str, &str, &str); 36] = [
     ("gap commission", "session --out OUT/p.toml", "p.toml"),
     ("gap run", "--session session --out OUT", "finding.json"),
     ("gap discover", "--session session --out OUT", "law.json"),
+    (
+        "gap experiment",
+        "--baseline b.toml --out OUT",
+        "experiment.json",
+    ),
     (
         "gap run",
         "--session session --actuation-only --out OUT",
@@ -47,6 +52,7 @@ const WRITERS: [(&str, &str, &str); 36] = [
     ("calibrate mocap", "a b --out OUT/r.toml", "r.toml"),
     ("run", "--headless --seconds 1 --record OUT/r.rrd", "r.rrd"),
     ("goto", "60,40,-300 --out OUT", "log.csv"),
+    ("excite", "--record OUT/r.rrd", "r.rrd"),
     ("follow", "--path eight --record OUT/r.rrd", "r.rrd"),
     ("pick-place", "--out OUT", "springs.svg"),
     ("record", "OUT/r.rrd --seconds 1", "r.rrd"),

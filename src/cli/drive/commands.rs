@@ -1,4 +1,4 @@
-//! `goto`, `follow`, `pick-place`, `reach`.
+//! `goto`, `excite`, `follow`, `pick-place`, `reach`.
 
 use std::path::{Path as FilePath, PathBuf};
 
@@ -17,6 +17,7 @@ use springtwin::drive::{
     drive, fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
 };
 use springtwin::lab::drive_log;
+use springtwin::lab::session::{self, Excitation};
 use springtwin::learn::ErrorStats;
 use springtwin::rig::{Object, Obstacle, RigOptions};
 use springtwin::robot::RobotSpec;
@@ -277,6 +278,21 @@ impl ShapeName {
 }
 
 #[derive(Args)]
+pub struct ExciteArgs {
+    /// How: mixed, holds, steps, loads, reversals, sines, single, axial or still
+    #[arg(long, value_name = "NAME", default_value = "mixed", value_parser = crate::cli::session::excitation)]
+    kind: Excitation,
+    /// How long, s
+    #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
+    seconds: f64,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Time that the boards have to introduce themselves and the gauges to be checked, s.
+const EXCITE_BEGIN_S: f64 = 120.0;
+
+#[derive(Args)]
 pub struct FollowArgs {
     /// Which path
     #[arg(long, value_enum)]
@@ -298,6 +314,38 @@ pub struct FollowArgs {
     laps: u32,
     #[command(flatten)]
     common: Common,
+}
+
+/// `excite`.
+pub fn excite(a: &ExciteArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
+    let excitation = session::Drive::new(a.kind, robot, a.common.seed, a.seconds);
+    let plan = Plan::excite(excitation.programme().clone());
+    let seconds = a.seconds + EXCITE_BEGIN_S;
+    let driven = a
+        .common
+        .drive(robot, robot_file, plan, seconds, Vec::new())?;
+    ensure_carried_out(&driven, seconds)?;
+    a.common.write(&driven, None, &[])?;
+    let set = |pick: fn(f64, f64) -> f64, from: f64| {
+        let all = driven.rows.iter().flat_map(|r| r.chamber_pa);
+        all.filter(|p| p.is_finite()).fold(from, pick) * 1e-3
+    };
+    let [low, high] = [
+        set(f64::min, f64::INFINITY),
+        set(f64::max, f64::NEG_INFINITY),
+    ];
+    let json = json!({
+        "excitation": a.kind.name(), "seconds": a.seconds, "ticks": driven.pace.ticks, "missed_ticks": driven.pace.missed,
+        "frames": driven.frames[0], "frames_lost": driven.frames[1], "pressures_kpa": [low, high],
+        "simulated": driven.simulated,
+    });
+    let text = format!(
+        "'{}' driven for {:.0} s{}: pressures from {low:+.1} to {high:+.1} kPa",
+        a.kind.name(),
+        a.seconds,
+        label(&driven)
+    );
+    answer(&driven, Report { text, json })
 }
 
 /// `follow`.

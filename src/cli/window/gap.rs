@@ -1,6 +1,7 @@
 //! The Gap screen's work: sessions are read, the finder runs, an example is made by a process of its
 //! own, patches go onto a copy of the robot file.
 
+mod experiment;
 mod store;
 
 use std::path::{Path, PathBuf};
@@ -55,6 +56,8 @@ pub fn services(
     let (for_kept, kept_robot, kept_data) = (ctx(), Arc::clone(&robot), data.to_owned());
     let (for_commission, commissioned_robot) = (ctx(), Arc::clone(&robot));
     let commissioned_data = data.to_owned();
+    let (for_experiment, experiment_robot) = (ctx(), Arc::clone(&robot));
+    let experiment_data = data.to_owned();
     let (for_patched, read_store) = (ctx(), Arc::clone(&store));
     let (for_accept, accept_store) = (ctx(), Arc::clone(&store));
     let (for_undo, undo_store) = (ctx(), Arc::clone(&store));
@@ -83,6 +86,16 @@ pub fn services(
             later(&for_find, "gap finder", move |worker| {
                 find(&robot, &pair, known.as_deref(), worker, &ctx).map_err(said)
             })
+        }),
+        experiment: Box::new(move |baseline, payload_kg| {
+            let robot = Arc::clone(&experiment_robot);
+            experiment::begin(
+                &for_experiment,
+                robot,
+                &experiment_data,
+                baseline,
+                payload_kg,
+            )
         }),
         example: Box::new(move |seed| {
             let (robot, file) = (Arc::clone(&example_robot), example_file.clone());

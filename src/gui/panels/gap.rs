@@ -1,6 +1,7 @@
 //! The Gap screen: select, locate, explain, patch, prove.
 
 mod chart;
+mod experiment;
 mod explain;
 mod heat;
 mod locate;
@@ -24,6 +25,8 @@ use crate::gap::{Found, GapError};
 use crate::gui::services::gap::{Pair, PatchedRobot};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
+use crate::twin::Command;
 
 /// A step of the search.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -191,6 +194,9 @@ pub struct GapState {
     said: Option<String>,
     locate: locate::LocateState,
     asked_for_patches: bool,
+    conduct: Option<experiment::Conduct>,
+    // For the twin, with the next frame.
+    orders: Vec<Command>,
 }
 
 impl GapState {
@@ -247,9 +253,17 @@ impl GapState {
             self.trouble = Some(trouble);
         }
         if let Some((search, answer)) = self.running.take_for() {
+            let driven = self.conduct.take().is_some();
             match answer {
                 Ok(Ok(found)) => self.take_of(search, found),
                 Ok(Err(e)) => self.trouble = Some(trouble_of(&e)),
+                Err(e) if driven => {
+                    self.trouble = Some(Trouble::new(
+                        e,
+                        "The experiment ended without a verdict; what was recorded is kept.",
+                        "Remove the cause named above, then run it again.",
+                    ));
+                }
                 Err(e) => {
                     self.trouble = Some(Trouble::new(
                         e,
@@ -423,7 +437,13 @@ fn trouble_of(e: &GapError) -> Trouble {
 }
 
 /// The screen.
-pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+pub fn ui(
+    ui: &mut Ui,
+    state: &mut GapState,
+    live: &View<'_>,
+    services: &mut Services,
+    commands: &mut Vec<Command>,
+) {
     state.poll(services);
     if state.busy() {
         ui.ctx().request_repaint_after(Duration::from_millis(100));
@@ -431,7 +451,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     stepper(ui, state);
     Trouble::show_until_closed(&mut state.trouble, ui);
     match state.step {
-        Step::Select => select::ui(ui, state, services),
+        Step::Select => select::ui(ui, state, live, services, commands),
         _ if state.outcome.is_none() => {
             empty(ui, "No finding yet", "Go back to Select and press Find.")
         }

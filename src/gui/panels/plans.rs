@@ -179,7 +179,7 @@ impl Track {
                     follow.path.waypoints_m.iter().for_each(|p| track.push(*p));
                     track.closed = true;
                 }
-                Leg::Grip { .. } => {}
+                Leg::Grip { .. } | Leg::Excite(_) => {}
             }
         }
         track
@@ -554,6 +554,10 @@ fn leg_text(leg: &Leg) -> String {
             payload_kg,
         } => format!("Closing the gripper on {} g.", number(payload_kg * 1e3, 0)),
         Leg::Grip { .. } => "Opening the gripper.".into(),
+        Leg::Excite(programme) => {
+            let seconds = number(programme.seconds, 0);
+            format!("Excitation '{}' for {seconds} s.", programme.name)
+        }
     }
 }
 

@@ -15,7 +15,15 @@ impl Screen for GapState {
     const REPLAYS: bool = false;
 
     fn ui(&mut self, ui: &mut Ui, ctx: &mut Ctx<'_>) {
-        gap::ui(ui, self, ctx.services);
+        gap::ui(ui, self, &ctx.live, ctx.services, ctx.commands);
+    }
+
+    fn poll(&mut self, ctx: &mut Ctx<'_>) {
+        self.poll_experiment(&ctx.live, ctx.commands);
+    }
+
+    fn reconnect(&mut self) {
+        self.end_experiment(&mut Vec::new());
     }
 
     fn busy(&self) -> bool {
@@ -23,12 +31,13 @@ impl Screen for GapState {
     }
 
     fn follow(&mut self, live: &Snapshot, events: &[Event]) {
+        self.follow_experiment(live, events);
         if live.recording.is_none() && events.iter().any(ends_recording) {
             self.rescan();
         }
     }
 
-    fn actions(&self, _known: &Known<'_>, list: &mut List<Self>) {
+    fn actions(&self, known: &Known<'_>, list: &mut List<Self>) {
         let words = "example demo sample hidden gap practice";
         let gate = self.example_gate();
         let name = "Use an example with a hidden effect";
@@ -39,6 +48,12 @@ impl Screen for GapState {
         let gate = self.find_gate();
         list.act("Find what the model is missing", words, gate, |gap, ctx| {
             gap.find(ctx.services);
+        });
+        let words = "experiment drive excitation separate button";
+        let gate = self.experiment_gate(&known.live);
+        let name = "Let the finder drive the arm";
+        list.act(name, words, gate, |gap, ctx| {
+            gap.experiment(&ctx.live, ctx.services);
         });
         for step in Step::ALL {
             let words = match step {

@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender};
 
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
 use crate::gap::{Found, GapError, Patch};
 use crate::gui::job::Job;
 use crate::robot::RobotSpec;
+use crate::task::Programme;
 
 /// Whether a session is of the robot in use.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -107,12 +109,39 @@ pub type PageOpener = Box<dyn FnMut(&Path) -> Job<()>>;
 /// Puts a patch on a robot file.
 pub type Patcher = Box<dyn FnMut(&Patch) -> Job<PatchedRobot>>;
 
+/// An excitation that an experiment asks for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wanted {
+    /// The pressures to set.
+    pub programme: Programme,
+    /// Why: one sentence.
+    pub why: String,
+    /// Where to record it.
+    pub record: PathBuf,
+}
+
+/// The window's end of an experiment.
+pub struct Conducted {
+    /// What is to be driven next.
+    pub wanted: Receiver<Wanted>,
+    /// Takes whether it was driven and recorded, or why not.
+    pub driven: Sender<Result<(), String>>,
+    /// Where the first excitation will be recorded.
+    pub first: PathBuf,
+}
+
+/// Begins an experiment with the baseline in a file and a declared load, kg. The job is as that of [`Find`].
+pub type Experimenter =
+    Box<dyn FnMut(&Path, f64) -> (Job<Result<Arc<Found>, GapError>>, Conducted)>;
+
 /// What the Gap screen can ask for.
 pub struct GapServices {
     /// Looks at a session before it is used.
     pub look: Look,
     /// Runs the finder.
     pub find: Find,
+    /// Lets the finder drive the arm.
+    pub experiment: Experimenter,
     /// Where the baseline of this robot is kept; nowhere before it was commissioned.
     pub baseline: Box<dyn FnMut() -> Job<Option<PathBuf>>>,
     /// Fits the rig in order to a healthy session and keeps it as the baseline of this robot.
@@ -141,6 +170,17 @@ impl GapServices {
         Self {
             look: Box::new(move |_| Job::ready(Err(no("read sessions")))),
             find: Box::new(move |_, _| Job::ready(Err(no("read sessions")))),
+            experiment: Box::new(move |_, _| {
+                let ((_, wanted), (driven, _)) =
+                    (std::sync::mpsc::channel(), std::sync::mpsc::channel());
+                let first = PathBuf::new();
+                let link = Conducted {
+                    wanted,
+                    driven,
+                    first,
+                };
+                (Job::ready(Err(no("drive an arm"))), link)
+            }),
             baseline: Box::new(|| Job::ready(Ok(None))),
             commission: Box::new(move |_| Job::ready(Err(no("keep baselines")))),
             example: Box::new(move |_| Job::ready(Err(no("make an example")))),

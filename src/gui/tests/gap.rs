@@ -1,6 +1,7 @@
 //! The story of the Gap screen: with the real finder on sessions of the virtual rig, and with findings
 //! of every verdict.
 
+mod experiment;
 mod verdicts;
 
 use std::cell::RefCell;
@@ -211,6 +212,7 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
                     .expect("a thread");
                 job
             }),
+            experiment: Box::new(|_, _| unreachable!("no experiment is asked for")),
             example: Box::new(|_| {
                 Job::ready(Ok(ExamplePair {
                     healthy: HEALTHY.into(),

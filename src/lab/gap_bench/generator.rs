@@ -17,7 +17,7 @@ use crate::robot::RobotSpec;
 use crate::sim::dataset::sample_rng;
 
 /// Rigs that are tried for a case before it is given up.
-const ATTEMPTS: usize = 5;
+pub(super) const ATTEMPTS: usize = 5;
 
 /// Options of one case.
 #[derive(Clone, Debug)]
@@ -110,7 +110,7 @@ fn draw(o: &CaseOptions, robot: &RobotSpec) -> Result<(Case, Vec<Session>)> {
     }
 }
 
-fn kind_of(about: About) -> CaseKind {
+pub(super) fn kind_of(about: About) -> CaseKind {
     match about {
         About::Single => CaseKind::Single,
         About::Null => CaseKind::Null,

@@ -103,7 +103,7 @@ impl Solved {
     }
 }
 
-fn share(hits: usize, of: usize) -> String {
+pub(super) fn share(hits: usize, of: usize) -> String {
     let Some([low, high]) = wilson(hits, of) else {
         return "no cases".to_owned();
     };

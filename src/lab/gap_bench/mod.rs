@@ -7,6 +7,7 @@
 
 pub mod cases;
 mod example;
+mod experiments;
 mod finder;
 mod generator;
 mod laws;
@@ -53,6 +54,8 @@ pub struct Options {
     pub finder: Option<PathBuf>,
     /// Look for laws instead of naming effects, and prove them on a third session.
     pub discover: bool,
+    /// Let the finder drive the rig, and compare how it chooses what to drive with other ways.
+    pub experiment: bool,
 }
 
 impl Options {
@@ -121,6 +124,7 @@ pub fn run(
         seeds: a.seeds,
         parts: match a.discover {
             true => vec![Part::Laws],
+            false if a.experiment => vec![Part::Singles, Part::Nulls],
             false => a.parts.clone(),
         },
         seconds: a.seconds,
@@ -135,6 +139,9 @@ pub fn run(
         planned = planned[stretch(planned.len(), part)].to_vec();
     }
     let out = std::path::absolute(&a.out)?;
+    if a.experiment {
+        return experiment(a, &suite, &planned, (&out, robot), progress);
+    }
     let places = Places::of(&out);
     for dir in [&places.cases, &places.keys] {
         std::fs::create_dir_all(dir).with_context(|| format!("cannot create {}", dir.display()))?;
@@ -199,6 +206,47 @@ pub fn run(
         scored: scored.collect::<Result<_>>()?,
     };
     report(&run, &out)
+}
+
+/// Experiments on all cases, kept one by one: a run that was stopped goes on where it was.
+fn experiment(
+    a: &Options,
+    suite: &Suite,
+    planned: &[Planned],
+    (out, robot): (&Path, &RobotSpec),
+    progress: &dyn Progress,
+) -> Result<Report> {
+    let program = std::env::current_exe().context("cannot find this program's own file")?;
+    let finder = file_hash(&program)?;
+    let weak = |p: &&Planned| p.strength <= experiments::STRENGTH_MAX;
+    let planned: Vec<&Planned> = planned.iter().filter(weak).collect();
+    let folder = out.join("experiments");
+    std::fs::create_dir_all(&folder)
+        .with_context(|| format!("cannot create {}", folder.display()))?;
+    let kept = |p: &Planned| folder.join(format!("{}-{}.json", p.name, &finder[..12]));
+    let made = each(progress, "experimenting", &planned, a.jobs, |p| {
+        if kept(p).exists() {
+            return Ok(());
+        }
+        let solved = experiments::solve(p, robot, suite.seconds)?;
+        write(&kept(p), &serde_json::to_string_pretty(&solved)?)
+    })?;
+    let mut solved: Vec<experiments::Solved> = Vec::new();
+    let mut not_made = 0;
+    for (p, outcome) in planned.iter().zip(made) {
+        match outcome {
+            Ok(()) => {
+                let each: Vec<experiments::Solved> = serde_json::from_str(&read_text(&kept(p))?)?;
+                solved.extend(each);
+            }
+            Err(e) => {
+                log::warn!("case {} is left out: {e:#}", p.name);
+                not_made += 1;
+            }
+        }
+    }
+    let head = head(suite, &finder, not_made);
+    written(out, experiments::report(&solved, &head), suite, &finder)
 }
 
 /// Files that a run of all cases, or the merge of its shards, writes.

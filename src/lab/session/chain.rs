@@ -82,9 +82,27 @@ impl<'a> Specimen<'a> {
     /// # Errors
     /// As [`Self::session`].
     pub fn part(&self, plan: &SessionPlan, until_s: f64) -> Result<Session, SessionError> {
+        let drive = Drive::new(plan.excitation, self.robot, plan.seed, plan.seconds);
+        self.moved(plan, &drive, until_s)
+    }
+
+    /// A session by the plan, but driven by these commands.
+    ///
+    /// # Errors
+    /// As [`Self::session`].
+    pub fn driven(&self, plan: &SessionPlan, drive: &Drive) -> Result<Session, SessionError> {
+        self.moved(plan, drive, plan.seconds)
+    }
+
+    fn moved(
+        &self,
+        plan: &SessionPlan,
+        drive: &Drive,
+        until_s: f64,
+    ) -> Result<Session, SessionError> {
         plan.check()?;
         let until_s = until_s.min(plan.seconds);
-        let mut chain = Chain::new(self, plan)?;
+        let mut chain = Chain::new(self, plan, drive.clone())?;
         // Stamps of motion capture may be early by the largest offset and skew that can be hidden.
         let longest_s = REST_S + until_s + 2.5 + 0.05 * until_s;
         let mut ms = 0;
@@ -145,7 +163,7 @@ struct Chain<'a> {
 }
 
 impl<'a> Chain<'a> {
-    fn new(specimen: &'a Specimen, plan: &SessionPlan) -> Result<Self, SessionError> {
+    fn new(specimen: &'a Specimen, plan: &SessionPlan, drive: Drive) -> Result<Self, SessionError> {
         let robot = specimen.robot;
         let options = RigOptions {
             unit: specimen.unit,
@@ -162,7 +180,7 @@ impl<'a> Chain<'a> {
             robot,
             calibration: &specimen.calibration,
             geometry: Geometry::calibrated(robot, &specimen.calibration),
-            drive: Drive::new(plan.excitation, robot, plan.seed, plan.seconds),
+            drive,
             rig,
             host: HostSession::new("virtual rig", Origin::Simulated, board_config(robot)),
             tracks: std::array::from_fn(|i| {

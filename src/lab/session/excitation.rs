@@ -19,6 +19,7 @@ use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::ATMOSPHERE_PA;
 use crate::sim::dataset::sample_rng;
+use crate::task::Programme;
 
 /// A way to move the arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -141,10 +142,10 @@ impl Pumping {
     }
 }
 
-/// Set pressures over time; held before the first and after the last knot.
+/// An excitation for the pumps of a robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drive {
-    knots: [Vec<[f64; 2]>; CHAMBERS],
+    programme: Programme,
     pumping: Pumping,
 }
 
@@ -177,22 +178,30 @@ impl Drive {
             }
         }
         Self {
-            knots: d.knots,
+            programme: Programme {
+                name: excitation.name().to_owned(),
+                knots: d.knots,
+                seconds,
+            },
             pumping,
         }
     }
 
+    /// The first `seconds` of it.
+    pub fn until(&self, seconds: f64) -> Self {
+        let mut out = self.clone();
+        out.programme.seconds = seconds.min(self.programme.seconds);
+        out
+    }
+
     /// Set pressures at `t_s`, Pa.
     pub fn at(&self, t_s: f64) -> [f64; CHAMBERS] {
-        std::array::from_fn(|i| {
-            let knots = &self.knots[i];
-            let k = knots.partition_point(|p| p[0] <= t_s);
-            match (k.checked_sub(1).and_then(|j| knots.get(j)), knots.get(k)) {
-                (Some([t0, p0]), Some([t1, p1])) => p0 + (t_s - t0) / (t1 - t0) * (p1 - p0),
-                (Some(p), None) | (None, Some(p)) => p[1],
-                (None, None) => 0.0,
-            }
-        })
+        self.programme.at(t_s)
+    }
+
+    /// The set pressures over time.
+    pub fn programme(&self) -> &Programme {
+        &self.programme
     }
 
     /// Pressures that the pumps reach at rising times, from the first set pressure on, Pa.

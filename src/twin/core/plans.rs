@@ -1,13 +1,18 @@
 //! Verdicts before anything moves, and plans that set out once every stop has been found reachable.
 
+use super::contact::INTRUSION_M;
 use super::state::{Check, Phase, Then, Twin};
 use crate::control::{ReachConfig, SEGMENTS, StartSample, judging_gains, reach};
-use crate::signal::{CHAMBERS, Goal, Gripper, Reach, ReachState};
-use crate::task::{Leg, Plan, Routine, Target, allowed};
+use crate::robot::KeepOut;
+use crate::sensing::platform::pads_of_lengths;
+use crate::signal::{CHAMBERS, Goal, Gripper, Reach, ReachState, SPRINGS};
+use crate::task::{Leg, Plan, Programme, Routine, Target, allowed};
 use crate::twin::command::Event;
 
 /// Goals of a plan that are looked at per tick: each takes some tenths of a millisecond.
 const CHECKS_PER_TICK: usize = 2;
+/// Between two instants of a programme of pressures that are looked at before it begins, s.
+const LOOK_S: f64 = 0.5;
 /// Change of a plant gain after which the goals ahead are looked at again.
 const GAIN_CHANGE_RATIO: f64 = 0.1;
 
@@ -71,6 +76,10 @@ impl Twin {
         if let Some(reason) = self.not_allowed().or_else(|| self.held_on_hardware()) {
             return self.refuse(reason, events);
         }
+        let excitations = plan.programmes();
+        if let Some(reason) = excitations.filter_map(|p| self.beyond_reach(p)).next() {
+            return self.refuse(format!("{reason} Nothing was started."), events);
+        }
         let stops = plan.stops(self.payload_kg);
         let known = 0.0..=self.robot.payload_max_kg;
         if let Some(stop) = stops.iter().find(|s| !known.contains(&s.payload_kg)) {
@@ -109,6 +118,53 @@ impl Twin {
             reaches: Vec::new(),
             then: Then::Begin(plan.clone()),
         });
+    }
+
+    /// Why a programme of pressures is refused: what it commands, or where the arm would come by it, is out of bounds.
+    fn beyond_reach(&self, programme: &Programme) -> Option<String> {
+        let robot = &self.robot;
+        if let Some((chamber, pa)) = programme.beyond(&robot.pressure) {
+            return Some(format!(
+                "The excitation sets chamber {} to {:+.1} kPa, outside of {:+.0} to {:+.0} kPa.",
+                chamber + 1,
+                pa * 1e-3,
+                robot.pressure.min_pa * 1e-3,
+                robot.pressure.max_pa * 1e-3
+            ));
+        }
+        let carried_kg = self.model.carried_kg(self.payload_kg);
+        let gains = judging_gains(self.controller.plant_gains());
+        let looks = (programme.seconds / LOOK_S).ceil() as usize;
+        (0..=looks).find_map(|k| {
+            let t_s = k as f64 * LOOK_S;
+            let set_pa = programme.at(t_s);
+            let alike_pa = std::array::from_fn(|i| set_pa[i] * gains[i * SEGMENTS / CHAMBERS]);
+            let signals = self.maps.plant.sensors(&alike_pa, carried_kg).sensors;
+            let length_m: [f64; SPRINGS] = std::array::from_fn(|i| signals[i]);
+            let [shortest_m, longest_m] = robot.spring.range_m;
+            let spring = length_m
+                .iter()
+                .position(|l| !(shortest_m..=longest_m).contains(l));
+            if let Some(i) = spring {
+                return Some(format!(
+                    "The excitation would bring spring {} to {:.0} mm at {t_s:.0} s, outside of its {:.0} to {:.0} mm.",
+                    i + 1,
+                    length_m[i] * 1e3,
+                    shortest_m * 1e3,
+                    longest_m * 1e3
+                ));
+            }
+            let pads = pads_of_lengths(robot, &length_m);
+            let inside = |space: &&KeepOut| {
+                let depths_m = pads.map(|pad| space.depth_m(&pad.translation.vector));
+                depths_m.into_iter().any(|d| d > INTRUSION_M)
+            };
+            let space = robot.keep_out.iter().find(inside)?;
+            Some(format!(
+                "The excitation would bring the arm into the space that it keeps out of ({}) at {t_s:.0} s.",
+                space.name
+            ))
+        })
     }
 
     /// Looks at the goals ahead again when the arm has turned out to be of another stiffness than they were judged

@@ -53,7 +53,7 @@ impl Twin {
         let goal = match self.target() {
             Some(Target::Goal(goal, _)) => Some(goal.clone()),
             Some(Target::Along(goal, _)) => Some(goal),
-            None => None,
+            Some(Target::Pressures(_)) | None => None,
         };
         Snapshot {
             stamp: self.now,

@@ -9,6 +9,10 @@ use crate::task::{Happening, Target};
 use crate::twin::command::{Command, Event};
 use crate::twin::maps::Reading;
 
+/// In an excitation, a set pressure is at most so far from the gauge, Pa: pumps are at work in full by then, and a chamber that does
+/// not follow shows.
+const AHEAD_PA: f64 = 4e3;
+
 impl Twin {
     /// One step: takes what arrived, answers with a command for the boards (or none) and events.
     pub fn tick(
@@ -155,7 +159,9 @@ impl Twin {
                         }),
                     }
                 }
+                let mut excited_pa = None;
                 match routine.target() {
+                    Some(Target::Pressures(set_pa)) => excited_pa = Some(set_pa),
                     Some(Target::Goal(goal, reach)) => {
                         // A path that has ended is settled from where it led.
                         if reach.is_none() {
@@ -167,29 +173,37 @@ impl Twin {
                     Some(Target::Along(goal, via)) => self.controller.lead(goal, Some(via)),
                     None => self.controller.hold(),
                 }
-                let maps = ControlMaps {
-                    pose: self.maps.pose.as_ref(),
-                    plant: self.maps.plant.as_ref(),
-                    samples: &self.maps.seeds,
-                };
-                let unsolved = self.controller.unsolved_ticks();
-                let out = self.controller.step(
-                    maps,
-                    &StepInput {
-                        frame: sensors,
-                        eval,
-                        payload_kg: carried_kg,
-                        previous: self.command.as_ref(),
-                        stamp: self.now,
-                    },
-                );
-                if self.controller.unsolved_ticks() > unsolved {
-                    self.unsolved_at = Some(self.now);
+                if let Some(set_pa) = excited_pa {
+                    self.sensor_ref = None;
+                    std::array::from_fn(|i| {
+                        let pa = sensors.chamber_pa[i];
+                        set_pa[i].clamp(pa - AHEAD_PA, pa + AHEAD_PA)
+                    })
+                } else {
+                    let maps = ControlMaps {
+                        pose: self.maps.pose.as_ref(),
+                        plant: self.maps.plant.as_ref(),
+                        samples: &self.maps.seeds,
+                    };
+                    let unsolved = self.controller.unsolved_ticks();
+                    let out = self.controller.step(
+                        maps,
+                        &StepInput {
+                            frame: sensors,
+                            eval,
+                            payload_kg: carried_kg,
+                            previous: self.command.as_ref(),
+                            stamp: self.now,
+                        },
+                    );
+                    if self.controller.unsolved_ticks() > unsolved {
+                        self.unsolved_at = Some(self.now);
+                    }
+                    self.sensor_ref = out.sensor_ref;
+                    self.solve_s = out.solve_s;
+                    stall = out.stall;
+                    out.wanted_pa
                 }
-                self.sensor_ref = out.sensor_ref;
-                self.solve_s = out.solve_s;
-                stall = out.stall;
-                out.wanted_pa
             }
         };
         let command = PressureCommand::limited(

@@ -22,6 +22,9 @@ impl Twin {
     /// Backs off and holds when the arm is held off or moved by something else, and goes SAFE when it goes the wrong
     /// way.
     pub(super) fn watch_contact(&mut self, events: &mut Vec<Event>) {
+        if self.is_excited() {
+            return self.watch_excitation(events);
+        }
         let Some((leg, target_m, on_path)) = self.steered_to() else {
             self.contact = ContactWatch::default();
             return;
@@ -42,10 +45,8 @@ impl Twin {
             };
         }
         self.note_depths();
-        if let Some(name) = self.intrudes() {
-            let text = format!("Holding: the arm is in the space that it keeps out of ({name}).");
-            self.refuse(text, events);
-            return self.hold(events);
+        if self.hold_intruder(events) {
+            return;
         }
         // A chamber that has lost its air moves the tip, too: that has a check of its own.
         let (now, disturbs) = (self.now, !self.expects_pushes && !self.air.drifts());
@@ -68,6 +69,36 @@ impl Twin {
         if let Some((why, before_pa)) = held_off {
             self.back_off(why, before_pa, events);
         }
+    }
+
+    /// Whether pressures are set that no controller computes: the arm has no target then.
+    fn is_excited(&self) -> bool {
+        match &self.phase {
+            Phase::Moving { routine, .. } => {
+                matches!(routine.target(), Some(Target::Pressures(_)))
+            }
+            _ => false,
+        }
+    }
+
+    /// Holds an arm that comes into a space that it keeps out of.
+    fn watch_excitation(&mut self, events: &mut Vec<Event>) {
+        if self.contact.depth_m.is_empty() {
+            self.contact.depth_m = self.depths_m().collect();
+        }
+        self.note_depths();
+        self.hold_intruder(events);
+    }
+
+    /// Holds where the arm has entered a space that it keeps out of; whether it has.
+    fn hold_intruder(&mut self, events: &mut Vec<Event>) -> bool {
+        let Some(name) = self.intrudes() else {
+            return false;
+        };
+        let text = format!("Holding: the arm is in the space that it keeps out of ({name}).");
+        self.refuse(text, events);
+        self.hold(events);
+        true
     }
 
     /// Whether the tip stays behind what its pressures should make of it. One that `is_there` has nothing to make
@@ -260,6 +291,7 @@ impl Twin {
         let (target_m, on_path) = match routine.target()? {
             Target::Goal(goal, _) => (goal.position_m, false),
             Target::Along(_, via) => (via.position_m, true),
+            Target::Pressures(_) => return None,
         };
         Some((routine.legs_done(), target_m.into(), on_path))
     }

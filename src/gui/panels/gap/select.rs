@@ -4,7 +4,7 @@ mod selection;
 
 use egui::{Button, ProgressBar, RichText, ScrollArea, Ui, vec2};
 
-use super::{GapState, Trouble};
+use super::{GapState, Trouble, experiment};
 use crate::analysis::recorded::origin_name;
 use crate::gap::Stage;
 use crate::gui::panels::files::Ask;
@@ -15,6 +15,8 @@ use crate::gui::panels::widgets::{
 use crate::gui::services::gap::{RobotMatch, SessionSheet};
 use crate::gui::services::{Dialog, DialogKind, Services};
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
+use crate::twin::Command;
 pub use selection::Selection;
 use selection::{Slot, trouble_with};
 
@@ -54,7 +56,13 @@ impl Part {
 }
 
 /// The step.
-pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+pub fn ui(
+    ui: &mut Ui,
+    state: &mut GapState,
+    live: &View<'_>,
+    services: &mut Services,
+    commands: &mut Vec<Command>,
+) {
     if !state.select.scanned {
         state.select.scanned = true;
         let found = (services.scan)(services.recordings.path());
@@ -86,7 +94,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         });
         ui.vertical(|ui| {
             pane(ui, "find", |ui| {
-                run(ui, state, services);
+                run(ui, state, live, services, commands);
             });
         });
     });
@@ -340,9 +348,16 @@ fn library(ui: &mut Ui, selection: &mut Selection, services: &mut Services) {
     }
 }
 
-fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+fn run(
+    ui: &mut Ui,
+    state: &mut GapState,
+    live: &View<'_>,
+    services: &mut Services,
+    commands: &mut Vec<Command>,
+) {
     if state.running.is_busy() {
-        at_work(ui, state);
+        experiment::under_way(ui, state, live, commands);
+        at_work(ui, state, commands);
         return;
     }
     let selection = &mut state.select;
@@ -367,7 +382,6 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         state.find(services);
         return;
     }
-    let selection = &mut state.select;
     if let Err(reason) = &gate {
         note(ui, reason.as_str());
     } else if weaker {
@@ -380,6 +394,12 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     if let Some(said) = &state.said {
         note(ui, said.as_str());
     }
+    ui.separator();
+    experiment::begin(ui, state, live, services);
+    if state.running.is_busy() {
+        return;
+    }
+    let selection = &mut state.select;
     ui.separator();
     ui.label(RichText::new("No sessions at hand?").strong());
     note(
@@ -422,7 +442,7 @@ fn run(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
 }
 
 // The stages of the finder, how far it is, and Cancel.
-fn at_work(ui: &mut Ui, state: &mut GapState) {
+fn at_work(ui: &mut Ui, state: &mut GapState, commands: &mut Vec<Command>) {
     let Some(stage) = state.running.stage() else {
         return;
     };
@@ -465,6 +485,7 @@ fn at_work(ui: &mut Ui, state: &mut GapState) {
         .clicked()
     {
         let for_law = state.running.context().is_some_and(|s| s.known.is_some());
+        state.end_experiment(commands);
         state.running.cancel();
         state.said = Some(match for_law {
             true => "Cancelled: the finding before it is kept.".into(),

@@ -1,0 +1,243 @@
+//! The finder drives the arm: what it wants is shown, begins with the operator's consent, is recorded, and ends with STOP and HOLD
+//! like everything else.
+
+use egui::{RichText, Ui, vec2};
+
+use super::GapState;
+use crate::gap::report::Origin;
+use crate::gui::panels::operating::ends_recording;
+use crate::gui::panels::target::{Fire, HoldToGo, arm_simulated};
+use crate::gui::panels::widgets::{Gate, gated, note};
+use crate::gui::services::Services;
+use crate::gui::services::gap::{Conducted, Pair, Wanted};
+use crate::gui::view::View;
+use crate::signal::{Mode, Snapshot};
+use crate::task::Plan;
+use crate::twin::{Command, Event};
+
+/// What an experiment under way waits for.
+enum Awaits {
+    /// The finder.
+    Finder,
+    /// The operator, before this is driven.
+    Consent(Wanted),
+    /// The end of an excitation of this name, which has begun or not.
+    End { name: String, has_begun: bool },
+    /// The end of its recording.
+    Recording,
+}
+
+/// An experiment under way.
+pub struct Conduct {
+    link: Conducted,
+    awaits: Awaits,
+    hold: HoldToGo,
+    /// The excitations so far, with the reason for each.
+    pub driven: Vec<String>,
+}
+
+const PROCEED: Fire = Fire {
+    now: "▶ Drive it",
+    hold: "▶ Hold to drive it",
+    hover: "Drives this excitation and records it; STOP and HOLD end it",
+};
+
+impl Conduct {
+    fn of(link: Conducted) -> Self {
+        Self {
+            link,
+            awaits: Awaits::Finder,
+            hold: HoldToGo::default(),
+            driven: Vec::new(),
+        }
+    }
+
+    /// Whether the arm is being driven for it.
+    fn drives(&self) -> bool {
+        matches!(self.awaits, Awaits::End { .. } | Awaits::Recording)
+    }
+
+    /// Answers the finder.
+    fn answer(&mut self, answer: Result<(), String>) {
+        self.awaits = Awaits::Finder;
+        // The finder may have ended.
+        let _ = self.link.driven.send(answer);
+    }
+
+    /// Takes what the finder wants; on the virtual rig it begins by itself.
+    fn poll(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
+        if let (Awaits::Finder, Ok(wanted)) = (&self.awaits, self.link.wanted.try_recv()) {
+            self.driven.push(wanted.why.clone());
+            self.awaits = Awaits::Consent(wanted);
+            if !view.snapshot.link.moves_hardware() {
+                self.begin(view, commands);
+            }
+        }
+    }
+
+    fn begin(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
+        if let Awaits::Consent(wanted) = std::mem::replace(&mut self.awaits, Awaits::Finder) {
+            arm_simulated(view, commands);
+            commands.push(Command::StartRecording(wanted.record));
+            commands.push(Command::Note(wanted.why));
+            let name = wanted.programme.name.clone();
+            commands.push(Command::Start(Plan::excite(wanted.programme)));
+            self.awaits = Awaits::End {
+                name,
+                has_begun: false,
+            };
+        }
+    }
+
+    /// Follows the arm; gives whether the recording is to be closed now.
+    fn follow(&mut self, live: &Snapshot, events: &[Event]) -> bool {
+        let Awaits::End { name, has_begun } = &mut self.awaits else {
+            let is_closed = live.recording.is_none() && events.iter().any(ends_recording);
+            if matches!(self.awaits, Awaits::Recording) && is_closed {
+                self.answer(Ok(()));
+            }
+            return false;
+        };
+        let finished = events
+            .iter()
+            .any(|e| matches!(e, Event::Finished { name: n, .. } if n == name));
+        if finished {
+            self.awaits = Awaits::Recording;
+            return true;
+        }
+        *has_begun |= live.mode == Mode::Moving;
+        let refused = events.iter().find_map(|e| match e {
+            Event::Refused { reason, .. } => Some(reason.clone()),
+            Event::RecordingFailed { reason, .. } => Some(format!("It was not recorded: {reason}")),
+            _ => None,
+        });
+        let ended = match &live.mode {
+            Mode::Safe(reason) => Some(format!("The arm went SAFE: {reason}.")),
+            Mode::Hold | Mode::Disarmed if *has_begun => Some("The arm was held.".to_owned()),
+            _ => refused,
+        };
+        match ended {
+            Some(why) => {
+                self.answer(Err(why));
+                true
+            }
+            None => false,
+        }
+    }
+}
+
+impl GapState {
+    /// Whether the finder may drive the arm, or why not.
+    pub fn experiment_gate(&self, live: &View<'_>) -> Gate {
+        let s = live.snapshot;
+        if self.running.is_busy() {
+            return Err("The finder is running: wait, or cancel it.".into());
+        }
+        let healthy = self.select.slots[0].known();
+        if healthy.is_none_or(|sheet| sheet.kept_days.is_none()) {
+            return Err("Choose a baseline that was kept in the place of the healthy session: Keep as baseline.".into());
+        }
+        if !s.link.connected {
+            return Err("Not connected: there is no arm to drive.".into());
+        }
+        if s.recording.is_some() {
+            return Err("A recording is running: stop it first.".into());
+        }
+        match &s.mode {
+            Mode::Safe(_) => Err("SAFE: remove the cause, then press Reset.".into()),
+            Mode::Moving => Err("The arm moves: hold it first.".into()),
+            Mode::Disarmed if s.link.moves_hardware() => Err("Disarmed: arm the rig first.".into()),
+            _ => Ok(()),
+        }
+    }
+
+    /// Lets the finder drive the arm.
+    pub fn experiment(&mut self, live: &View<'_>, services: &mut Services) {
+        let healthy = self.select.slots[0].known().map(|s| s.path.clone());
+        if let (Ok(()), Some(healthy)) = (self.experiment_gate(live), healthy) {
+            let (job, link) = (services.gap.experiment)(&healthy, live.snapshot.payload_kg);
+            let search = super::Search {
+                pair: Pair {
+                    suspect: link.first.clone(),
+                    healthy: Some(healthy),
+                },
+                origin: match live.snapshot.link.simulated {
+                    true => Origin::Simulated,
+                    false => Origin::Measured,
+                },
+                answer: None,
+                known: None,
+            };
+            self.step = super::Step::Select;
+            self.trouble = None;
+            self.conduct = Some(Conduct::of(link));
+            self.running.begin_for(search, job);
+        }
+    }
+
+    /// Goes on with an experiment under way, whatever screen is shown.
+    pub fn poll_experiment(&mut self, live: &View<'_>, commands: &mut Vec<Command>) {
+        if let Some(conduct) = &mut self.conduct {
+            conduct.poll(live, commands);
+            commands.append(&mut self.orders);
+        }
+    }
+
+    /// Follows the arm of an experiment under way.
+    pub fn follow_experiment(&mut self, live: &Snapshot, events: &[Event]) {
+        if let Some(conduct) = &mut self.conduct
+            && conduct.follow(live, events)
+        {
+            self.orders.push(Command::StopRecording);
+        }
+    }
+
+    /// Ends an experiment: what moves for it is held.
+    pub fn end_experiment(&mut self, commands: &mut Vec<Command>) {
+        if let Some(conduct) = self.conduct.take()
+            && conduct.drives()
+        {
+            commands.extend([Command::Hold, Command::StopRecording]);
+        }
+    }
+}
+
+/// What the finder wants to drive, and the operator's consent to it.
+pub fn under_way(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &mut Vec<Command>) {
+    let Some(conduct) = &mut state.conduct else {
+        return;
+    };
+    ui.label(RichText::new("The finder drives the arm").strong());
+    for (k, why) in conduct.driven.iter().enumerate() {
+        note(ui, &format!("{}. {why}", k + 1));
+    }
+    match &conduct.awaits {
+        Awaits::Finder => {}
+        Awaits::Consent(_) => {
+            let mut hold = std::mem::take(&mut conduct.hold);
+            if hold.button(ui, live, &Ok(()), &PROCEED, vec2(160.0, 32.0)) {
+                conduct.begin(live, commands);
+            }
+            conduct.hold = hold;
+        }
+        Awaits::End { .. } | Awaits::Recording => {
+            note(ui, "The arm is being driven; STOP and HOLD end it.");
+        }
+    }
+}
+
+/// The way to begin one.
+pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut Services) {
+    ui.label(RichText::new("Let the finder drive the arm").strong());
+    note(
+        ui,
+        "It drives what separates the possible effects best, looks, and goes on until one is named, nothing is missing, or ten minutes are up.",
+    );
+    let gate = state.experiment_gate(live);
+    let button = egui::Button::new("Run an experiment");
+    let hover =
+        "Computes what to drive (about a minute), shows it, drives and records it. The arm moves.";
+    if gated(ui, &gate, button, hover).clicked() && gate.is_ok() {
+        state.experiment(live, services);
+    }
+}
