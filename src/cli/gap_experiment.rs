@@ -96,7 +96,15 @@ pub fn run(a: &ExperimentArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> 
         seed: a.seed,
     };
     let progress = UntilAsked(Arc::clone(&ends));
-    let out = experiment.run(&mut arm, &mut ask, &progress)?;
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of the experiment, for the report"
+    )]
+    let start = std::time::Instant::now();
+    let mut out = experiment.run(&mut arm, &mut ask, &progress)?;
+    if let Some(found) = &mut out.found {
+        found.finding.seconds = start.elapsed().as_secs_f64();
+    }
     report(a, &out)
 }
 

@@ -20,6 +20,7 @@ use super::session::{
 use super::{GapError, Progress};
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
+use crate::sim::patch::Correction;
 
 /// What is known of the rig in order.
 #[derive(Clone, Copy, Debug)]
@@ -95,6 +96,27 @@ impl Commissioned {
         })
     }
 
+    /// The same rig as seen from `robot`, which may carry patches that the robot file of the baseline did not have: what those
+    /// change of the calibration parameters is not counted twice.
+    ///
+    /// # Errors
+    /// [`GapError::OtherRobot`] for a baseline of another robot.
+    pub fn seen_from(&self, robot: &RobotSpec) -> Result<Cow<'_, Self>, GapError> {
+        recorded_with(robot, "the baseline", &self.robot)?;
+        let Some(since) = robot.patches.iter().position(|a| a.onto == self.robot) else {
+            return Ok(Cow::Borrowed(self));
+        };
+        let mut made_with = robot.clone();
+        made_with.patches.truncate(since);
+        let [then, now] = [&made_with, robot].map(|r| Correction::known(r).values);
+        let mut out = self.clone();
+        for ((value, then), now) in out.arm.values.iter_mut().zip(then).zip(now) {
+            *value += then - now;
+        }
+        robot.hash.clone_into(&mut out.robot);
+        Ok(Cow::Owned(out))
+    }
+
     /// The arm as sessions show it that have only some of its channels.
     pub fn arm_in(&self, present: &[bool; CHANNELS]) -> Baseline {
         let rows = match &self.arm.healthy {
@@ -141,7 +163,7 @@ pub(super) fn prepared<'a>(
             (rig.map(Cow::Owned), period_s)
         }
         Healthy::Commissioned(known) => {
-            recorded_with(robot, "the baseline", &known.robot)?;
+            let rig = known.seen_from(robot)?;
             let slow = |g: &&Grid| (period_s(g.times_s()) / known.period_s).round() > 1.0;
             if let Some(grid) = suspects.iter().find(slow) {
                 return Err(GapError::SlowerThanBaseline {
@@ -150,7 +172,7 @@ pub(super) fn prepared<'a>(
                     baseline_hz: 1.0 / known.period_s,
                 });
             }
-            (Some(Cow::Borrowed(known)), known.period_s)
+            (Some(rig), known.period_s)
         }
     };
     Ok((rig, at_period(suspects, period_s)?))
@@ -368,6 +390,7 @@ pub const BASELINE_START: &str = "springtwin_baseline";
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gap::Patch;
     use crate::gap::commission::factory;
 
     fn rig() -> Commissioned {
@@ -406,6 +429,46 @@ mod tests {
                 session: None,
             }),
         }
+    }
+
+    /// The patch of a commissioned rig has the same departures as its baseline: a robot file that carries it has them already.
+    #[test]
+    fn a_patch_with_the_parameters_of_the_baseline_is_not_counted_twice() {
+        let robot = RobotSpec::reference();
+        let nominal = factory(&[true; CHANNELS]).values;
+        let mut departed = nominal.clone();
+        for (i, v) in departed.iter_mut().take(12).enumerate() {
+            *v *= 1.0 + 0.001 * (i + 1) as f64;
+        }
+        let mut patch = Patch {
+            version: crate::gap::VERSION,
+            name: "a rig".to_owned(),
+            robot: robot.hash.clone(),
+            verdict: "named".to_owned(),
+            data: Default::default(),
+            rig: Default::default(),
+            floor: Default::default(),
+            law: Vec::new(),
+            effects: Vec::new(),
+        };
+        patch.set_values(&departed);
+        let text = crate::robot::with_patch(crate::robot::REFERENCE, &patch);
+        let patched = RobotSpec::from_toml(&text).expect("a robot file");
+        let mut kept = rig();
+        kept.robot.clone_from(&robot.hash);
+        kept.arm.values.clone_from(&departed);
+        let same = kept.seen_from(&robot).expect("of this robot");
+        assert_eq!(same.arm.values, departed);
+        let seen = kept.seen_from(&patched).expect("of this robot");
+        for (i, (a, b)) in seen.arm.values.iter().zip(&nominal).enumerate() {
+            assert!((a - b).abs() < 1e-12, "parameter {i}: {a} for {b}");
+        }
+        assert_eq!(seen.robot, patched.hash);
+        kept.robot = "another".to_owned();
+        assert!(matches!(
+            kept.seen_from(&patched),
+            Err(GapError::OtherRobot { .. })
+        ));
     }
 
     #[test]

@@ -99,6 +99,7 @@ impl Design {
         (possible, payload_kg): (&[Possible], f64),
         progress: &dyn Progress,
     ) -> Result<Self, GapError> {
+        let rig = rig.seen_from(robot)?;
         let baseline = rig.arm_in(&rig.present);
         let grids = possible.iter().map(|p| {
             let grid = Grid::under(&robot.hash, payload_kg, &p.pressures)?;
@@ -190,10 +191,10 @@ impl Design {
             all.position(|c| c.effect.id == id && c.target.map(|t| t + 1) == target)
         };
         let mut found = self.alike(|_| false, 0.0);
-        let mut add = |at: usize, weight: f64, gain: f64| {
+        let mut add = |at: usize, gain: f64| {
             let usual = self.apart(&driven.0, self.first_way(at), None, 1.0);
             let size = (gain.max(0.0) / usual.max(1e-9)).sqrt().clamp(0.1, 10.0);
-            found.effects[at] = (weight, size);
+            found.effects[at] = (1.0, size);
         };
         match verdict {
             Verdict::Named | Verdict::Indistinguishable => {
@@ -201,7 +202,7 @@ impl Design {
                     let mut all = ranked.iter();
                     let gain = all.find(|r| r.id == e.id && r.target == e.target);
                     if let Some(at) = place(&e.id, e.target) {
-                        add(at, 1.0, gain.map_or(CONFIG.experiment_nats, |r| r.gain));
+                        add(at, gain.map_or(CONFIG.experiment_nats, |r| r.gain));
                     }
                 }
                 found
@@ -209,7 +210,7 @@ impl Design {
             Verdict::Unknown => {
                 for r in ranked.iter().filter(|r| r.gain > 0.0) {
                     if let Some(at) = place(&r.id, r.target) {
-                        add(at, 1.0, r.gain);
+                        add(at, r.gain);
                     }
                 }
                 match found.effects.iter().any(|(w, _)| *w > 0.0) {
@@ -257,7 +258,7 @@ impl Design {
         })
     }
 
-    /// What a proposal is for: the pair that it moves apart most, or what it would show.
+    /// What a proposal is for: how far it moves the first two apart where few effects are left, or what it would show.
     fn why(&self, index: usize, belief: &Belief, driven: &Driven) -> String {
         let shown = &self.shown[index];
         let then = Driven(&driven.0 + &shown.information);
@@ -269,7 +270,7 @@ impl Design {
             [a, b, ..] if alive.len() <= FEW => {
                 let apart = |d: &Driven| {
                     let size = belief.effects[a].1;
-                    self.from_any(&d.0, self.first_way(a), b, size)
+                    self.least_apart(&d.0, self.first_way(a), b, size)
                 };
                 format!(
                     "'{}' for {:.0} s: {} and {} are expected to be {:.0} nats apart after it, {:.0} now",
@@ -315,14 +316,14 @@ impl Design {
             let others = alive
                 .iter()
                 .filter(|b| **b != a)
-                .map(|&b| belief.effects[b].0 * log(self.from_any(information, way, b, size)));
+                .map(|&b| belief.effects[b].0 * log(self.least_apart(information, way, b, size)));
             weight * (nothing + others.sum::<f64>())
         };
         alive.iter().map(of).sum()
     }
 
     /// How far an effect is from another one however that acts, nats.
-    fn from_any(&self, information: &DMatrix<f64>, a: Option<&Way>, b: usize, size: f64) -> f64 {
+    fn least_apart(&self, information: &DMatrix<f64>, a: Option<&Way>, b: usize, size: f64) -> f64 {
         let ways = self.ways.iter().filter(|w| w.candidate == b);
         let apart = ways.map(|b| self.apart(information, a, Some(b), size));
         apart.fold(f64::INFINITY, f64::min)
@@ -429,7 +430,7 @@ mod tests {
         let at = |k: usize, size: f64| {
             let g = &d.shown[k].information;
             let way = d.first_way(0);
-            [d.apart(g, way, None, size), d.from_any(g, way, 1, size)]
+            [d.apart(g, way, None, size), d.least_apart(g, way, 1, size)]
         };
         let near = |a: [f64; 2], b: [f64; 2]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
         assert!(near(at(0, 1.0), [50.0, 0.0]), "{:?}", at(0, 1.0));

@@ -20,7 +20,7 @@ use super::config::CONFIG;
 use super::problem::{USUAL_PA, USUAL_PA_S};
 use super::replay::{CalibrationParameter, Row, calibration_parameters, is_mechanical, residuals};
 use super::session::{
-    CHANNELS, GRID_HZ, Grid, IMU_0, Measured, SPRING_0, Session, channel_name, mean, recorded_with,
+    CHANNELS, GRID_HZ, Grid, IMU_0, Measured, SPRING_0, Session, channel_name, mean,
 };
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Disagreement, IMUS, Pose, SensorVec};
@@ -160,7 +160,7 @@ impl Monitor {
     /// # Errors
     /// [`GapError`] when the baseline is of another robot.
     pub fn new(robot: &RobotSpec, rig: &Commissioned) -> Result<Self, GapError> {
-        recorded_with(robot, "the baseline", &rig.robot)?;
+        let rig = &*rig.seen_from(robot)?;
         let parameters = calibration_parameters();
         let mut values = rig.arm.values.clone();
         let (mut changed, mut read) = (Vec::new(), Vec::new());

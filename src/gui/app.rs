@@ -631,7 +631,7 @@ impl App {
         let mut actions = Vec::new();
         let bar =
             |margin: egui::Margin| egui::Frame::new().fill(palette.panel).inner_margin(margin);
-        let badge = Panel::top("shell")
+        let pressed = Panel::top("shell")
             .exact_size(56.0)
             .resizable(false)
             .frame(bar(egui::Margin::symmetric(12, 4)))
@@ -640,6 +640,9 @@ impl App {
                 shell::top_bar(ui, &live, controls, commands)
             })
             .inner;
+        if pressed.twin {
+            actions.push(ShellAction::Show(ScreenId::Gap));
+        }
         // As high with and without something to say: nothing below it moves.
         Panel::top("banners")
             .exact_size(shell::LINE)
@@ -688,7 +691,13 @@ impl App {
                 None => {}
             }
         }
-        let wanted = connect::menu(ui, &badge, &live, &mut self.connection, &mut self.services);
+        let wanted = connect::menu(
+            ui,
+            &pressed.connection,
+            &live,
+            &mut self.connection,
+            &mut self.services,
+        );
         self.messages.toasts(&ctx, now_s, within);
         for action in actions {
             self.act(&ctx, action);

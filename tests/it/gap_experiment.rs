@@ -43,7 +43,7 @@ fn the_finder_drives_the_rig_until_a_hidden_load_is_named() {
         "--out",
         out,
         "--hide",
-        "payload=0.3",
+        "payload=0.5",
     ];
     for id in others {
         args.extend(["--without", id]);
@@ -72,6 +72,42 @@ fn the_finder_drives_the_rig_until_a_hidden_load_is_named() {
     let (code, said) = refusal(&args);
     assert_eq!(code, 1);
     assert!(said.contains("exists already"), "{said}");
+
+    // The monitor notices the load, and with the patch no more.
+    let [loaded, patched] = ["loaded.rrd", "patched.toml"].map(|f| dir.join(f));
+    let [loaded, patched] = [&loaded, &patched].map(|f| f.to_str().expect("a path"));
+    json(&[
+        "excite",
+        "--kind",
+        "loads",
+        "--seconds",
+        "120",
+        "--seed",
+        "7",
+        "--hide",
+        "payload=0.5",
+        "--record",
+        loaded,
+        "--json",
+    ]);
+    let patch = format!("{out}/patch.toml");
+    json(&["gap", "apply", &patch, "--out", patched, "--json"]);
+    let watch = |robot: &[&str]| {
+        let args = [
+            "gap",
+            "watch",
+            "--json",
+            "--baseline",
+            baseline,
+            "--session",
+            loaded,
+        ];
+        json(&[robot, &args].concat())
+    };
+    let before = watch(&[]);
+    assert!(before["alarm"].is_object(), "{}", before["largest"]);
+    let after = watch(&["--robot", patched]);
+    assert!(after["alarm"].is_null(), "{}", after["largest"]);
 }
 
 #[test]

@@ -19,6 +19,7 @@ use springtwin::drive::{
 use springtwin::lab::drive_log;
 use springtwin::lab::session::{self, Excitation};
 use springtwin::learn::ErrorStats;
+use springtwin::rig::hidden::Hidden;
 use springtwin::rig::{Object, Obstacle, RigOptions};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Goal, OrientationGoal, Reach, ReachState};
@@ -90,18 +91,19 @@ impl Common {
         }
     }
 
-    /// Carries out the plan; `objects` lie about for the virtual rig.
+    /// Carries out the plan; `surroundings` are those of the virtual rig.
     fn drive(
         &self,
         robot: &RobotSpec,
         robot_file: Option<&FilePath>,
         plan: Plan,
         seconds: f64,
-        objects: Vec<Object>,
+        surroundings: Around,
     ) -> Result<Driven> {
         self.check_outputs()?;
         let options = RigOptions {
-            objects,
+            objects: surroundings.objects,
+            hidden: surroundings.hidden,
             ..self.options(robot)?
         };
         let twin = TwinBuilder::new(robot)
@@ -130,6 +132,13 @@ impl Common {
             None => Ok(()),
         }
     }
+}
+
+/// What is about, or in, the virtual rig besides what every drive can say.
+#[derive(Default)]
+struct Around {
+    objects: Vec<Object>,
+    hidden: Vec<Hidden>,
 }
 
 #[derive(Args)]
@@ -172,7 +181,7 @@ pub fn goto(a: &GotoArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> R
     let plan = Plan::goto(goal.clone());
     let driven = a
         .common
-        .drive(robot, robot_file, plan, a.seconds, Vec::new())?;
+        .drive(robot, robot_file, plan, a.seconds, Around::default())?;
     ensure_no_refusal(&driven)?;
     let m = measures::of_move(&driven.rows, &goal, robot).context("there was no motion")?;
     let reached = driven.finished_s.is_some();
@@ -285,6 +294,9 @@ pub struct ExciteArgs {
     /// How long, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
     seconds: f64,
+    /// Hide an effect in the virtual rig in this process, as `rig --hide` does
+    #[arg(long, value_name = "ID[:TARGET][=VALUE,..][@S]")]
+    hide: Vec<Hidden>,
     #[command(flatten)]
     common: Common,
 }
@@ -318,12 +330,18 @@ pub struct FollowArgs {
 
 /// `excite`.
 pub fn excite(a: &ExciteArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
+    anyhow::ensure!(
+        a.hide.is_empty() || a.common.rig == DEFAULT_RIG,
+        "--hide is for the virtual rig in this process: start another one with springtwin rig --hide"
+    );
+    let hidden = Around {
+        hidden: a.hide.clone(),
+        ..Around::default()
+    };
     let excitation = session::Drive::new(a.kind, robot, a.common.seed, a.seconds);
     let plan = Plan::excite(excitation.programme().clone());
     let seconds = a.seconds + EXCITE_BEGIN_S;
-    let driven = a
-        .common
-        .drive(robot, robot_file, plan, seconds, Vec::new())?;
+    let driven = a.common.drive(robot, robot_file, plan, seconds, hidden)?;
     ensure_carried_out(&driven, seconds)?;
     a.common.write(&driven, None, &[])?;
     let set = |pick: fn(f64, f64) -> f64, from: f64| {
@@ -371,7 +389,7 @@ pub fn follow(a: &FollowArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) 
     let seconds = longest_s(&path, speed_m_s, a.laps);
     let driven = a
         .common
-        .drive(robot, robot_file, plan, seconds, Vec::new())?;
+        .drive(robot, robot_file, plan, seconds, Around::default())?;
     ensure_carried_out(&driven, seconds)?;
     let m = measures::of_path(&driven, &path.waypoints_m, robot);
     a.common.write(&driven, Some(&path), &m.at_waypoints_mm)?;
@@ -449,9 +467,16 @@ pub fn pick_place(
     };
     let basket_m = a.basket.unwrap_or(BASKET_M);
     let plan = Plan::pick_and_place(&items, basket_m, LIFT_M);
-    let driven = a
-        .common
-        .drive(robot, robot_file, plan.clone(), a.seconds, objects(&items))?;
+    let driven = a.common.drive(
+        robot,
+        robot_file,
+        plan.clone(),
+        a.seconds,
+        Around {
+            objects: objects(&items),
+            ..Around::default()
+        },
+    )?;
     ensure_carried_out(&driven, a.seconds)?;
     a.common.write(&driven, None, &[])?;
     let p = of_pick_place(&driven, &plan, basket_m, robot);

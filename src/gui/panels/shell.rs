@@ -179,7 +179,7 @@ pub fn top_bar(
     live: &View<'_>,
     (resume, vent): (&mut Resume, &mut Vent),
     commands: &mut Vec<Command>,
-) -> egui::Response {
+) -> Pressed {
     let s = live.snapshot;
     // From the right: where the window is narrow, STOP keeps its place and the rest gives way.
     ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
@@ -203,8 +203,8 @@ pub fn top_bar(
     .inner
 }
 
-// What is connected, what it does, and whether its signals come; gives the badge of the connection.
-fn state(ui: &mut Ui, live: &View<'_>) -> egui::Response {
+// What is connected, what it does, and whether its signals come.
+fn state(ui: &mut Ui, live: &View<'_>) -> Pressed {
     let s = live.snapshot;
     let p = Palette::in_ui(ui);
     let (text, hover) = if s.link.source.is_empty() {
@@ -228,8 +228,10 @@ fn state(ui: &mut Ui, live: &View<'_>) -> egui::Response {
         _ => "What the twin is doing",
     });
     ui.separator();
-    counts(ui, live);
-    connection
+    Pressed {
+        twin: counts(ui, live),
+        connection,
+    }
 }
 
 fn stop(ui: &mut Ui, commands: &mut Vec<Command>) {
@@ -282,6 +284,17 @@ fn alarms(ui: &mut Ui, s: &Snapshot) {
 /// Between two items of the top bar, points.
 const ITEM_GAP: f32 = 14.0;
 
+/// What was done with the top bar.
+pub struct Pressed {
+    /// The badge of the connection.
+    pub connection: egui::Response,
+    /// Whether the disagreement of twin and arm was clicked.
+    pub twin: bool,
+}
+
+/// Name of the item that shows how far twin and arm disagree.
+const TWIN: &str = "twin";
+
 /// One name and value of the top bar.
 struct Item {
     level: Level,
@@ -312,22 +325,29 @@ impl Item {
         of(self.name()) + 5.0 + of(self.value.clone()) + ITEM_GAP
     }
 
-    fn show(&self, ui: &mut Ui) {
+    /// Shows it; whether it was clicked.
+    fn show(&self, ui: &mut Ui) -> bool {
         let p = Palette::in_ui(ui);
         let share = if self.stale { STALE_OPACITY } else { 1.0 };
         ui.spacing_mut().item_spacing.x = 5.0;
         let color = p.level_text(self.level).gamma_multiply(share);
         let value = RichText::new(&self.value).color(color);
+        let sense = match self.name {
+            TWIN => egui::Sense::click(),
+            _ => egui::Sense::hover(),
+        };
+        let label = |ui: &mut Ui, text: RichText| ui.add(egui::Label::new(text).sense(sense));
         let response = match self.name {
-            "" => ui.label(value),
+            "" => label(ui, value),
             _ => {
                 let color = p.level(self.level).gamma_multiply(share);
-                let name = ui.label(RichText::new(self.name()).color(color));
-                name.union(ui.label(value))
+                let name = label(ui, RichText::new(self.name()).color(color));
+                name.union(label(ui, value))
             }
         };
-        response.on_hover_text(self.hover.as_str());
+        let clicked = response.on_hover_text(self.hover.as_str()).clicked();
         ui.add_space(ITEM_GAP - 5.0);
+        clicked
     }
 }
 
@@ -339,17 +359,19 @@ fn warn_if(abnormal: bool) -> Level {
     }
 }
 
-fn counts(ui: &mut Ui, live: &View<'_>) {
+// Shows the items; whether that of the twin was clicked.
+fn counts(ui: &mut Ui, live: &View<'_>) -> bool {
     let s = live.snapshot;
     if s.link.source.is_empty() {
         note(ui, "Nothing is connected");
-        return;
+        return false;
     }
+    let mut clicked = false;
     let mut all = items(live);
     let room = ui.available_width();
     if all.iter().map(|i| i.width(ui)).sum::<f32>() <= room {
-        all.iter().for_each(|i| i.show(ui));
-        return;
+        all.iter().for_each(|i| clicked |= i.show(ui));
+        return clicked;
     }
     // In two lines; where even those are too short, what is normal gives way, the last first.
     let mut hidden: Vec<Item> = Vec::new();
@@ -368,7 +390,7 @@ fn counts(ui: &mut Ui, live: &View<'_>) {
         ui.add_space(5.0);
         for (i, line) in lines.into_iter().enumerate() {
             ui.horizontal(|ui| {
-                all[line].iter().for_each(|i| i.show(ui));
+                all[line].iter().for_each(|i| clicked |= i.show(ui));
                 if i == last && !hidden.is_empty() {
                     let words: Vec<String> = hidden
                         .iter()
@@ -379,6 +401,7 @@ fn counts(ui: &mut Ui, live: &View<'_>) {
             });
         }
     });
+    clicked
 }
 
 /// Which items stand in which line of that width.
@@ -450,13 +473,13 @@ fn items(live: &View<'_>) -> Vec<Item> {
     }
     all.extend(s.disagreement.as_ref().map(|d| {
         let hover = format!(
-            "How far twin and arm disagree, over the limit: most in {}; in order until {:.0} s ago",
+            "How far twin and arm disagree, over the limit: most in {}; in order until {:.0} s ago. Click to find out what is missing.",
             d.channel,
             (s.stamp.seconds() - d.since_s).max(0.0)
         );
         item(
             warn_if(d.ratio > 1.0),
-            "twin",
+            TWIN,
             format!("{:.1}", d.ratio),
             hover,
         )

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
@@ -125,7 +125,7 @@ pub struct Conducted {
     /// What is to be driven next.
     pub wanted: Receiver<Wanted>,
     /// Takes whether it was driven and recorded, or why not.
-    pub driven: Sender<Result<(), String>>,
+    pub driven: SyncSender<Result<(), String>>,
     /// Where the first excitation will be recorded.
     pub first: PathBuf,
 }
@@ -171,8 +171,7 @@ impl GapServices {
             look: Box::new(move |_| Job::ready(Err(no("read sessions")))),
             find: Box::new(move |_, _| Job::ready(Err(no("read sessions")))),
             experiment: Box::new(move |_, _| {
-                let ((_, wanted), (driven, _)) =
-                    (std::sync::mpsc::channel(), std::sync::mpsc::channel());
+                let ((_, wanted), (driven, _)) = (sync_channel(1), sync_channel(1));
                 let first = PathBuf::new();
                 let link = Conducted {
                     wanted,

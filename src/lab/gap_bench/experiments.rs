@@ -23,7 +23,7 @@ use crate::sim::dataset::sample_rng;
 use crate::sim::effects;
 
 /// Longest time of all excitations of an experiment, s.
-const LONGEST_S: f64 = 600.0;
+const LONGEST_S: f64 = 300.0;
 /// Strongest effects that are hidden, times the floor: what is stronger one session names.
 pub const STRENGTH_MAX: f64 = 4.0;
 

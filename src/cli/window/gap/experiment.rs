@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
 use anyhow::{Context as _, Result};
@@ -32,8 +32,8 @@ pub fn begin(
     baseline: &Path,
     payload_kg: f64,
 ) -> (Job<Answer>, Conducted) {
-    let (wants, wanted) = channel();
-    let (driven, answers) = channel();
+    let (wants, wanted) = sync_channel(1);
+    let (driven, answers) = sync_channel(1);
     let folder = free_folder(&data.join("experiments"));
     let first = round_file(&folder, 0);
     let baseline = baseline.to_owned();
@@ -84,7 +84,7 @@ fn conduct(
     robot: &RobotSpec,
     folder: &Path,
     (baseline, payload_kg): (&Path, f64),
-    (wants, answers): &(Sender<Wanted>, Receiver<Result<(), String>>),
+    (wants, answers): &(SyncSender<Wanted>, Receiver<Result<(), String>>),
     worker: &Worker<Answer>,
     ctx: &egui::Context,
 ) -> Result<Answer> {

@@ -7,9 +7,10 @@ use super::GapState;
 use crate::gap::report::Origin;
 use crate::gui::panels::operating::ends_recording;
 use crate::gui::panels::target::{Fire, HoldToGo, arm_simulated};
-use crate::gui::panels::widgets::{Gate, gated, note};
+use crate::gui::panels::widgets::{Gate, gated, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::services::gap::{Conducted, Pair, Wanted};
+use crate::gui::theme::Level;
 use crate::gui::view::View;
 use crate::signal::{Mode, Snapshot};
 use crate::task::Plan;
@@ -61,7 +62,7 @@ impl Conduct {
     fn answer(&mut self, answer: Result<(), String>) {
         self.awaits = Awaits::Finder;
         // The finder may have ended.
-        let _ = self.link.driven.send(answer);
+        let _ = self.link.driven.try_send(answer);
     }
 
     /// Takes what the finder wants; on the virtual rig it begins by itself.
@@ -209,7 +210,7 @@ pub fn under_way(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &
     };
     ui.label(RichText::new("The finder drives the arm").strong());
     for (k, why) in conduct.driven.iter().enumerate() {
-        note(ui, &format!("{}. {why}", k + 1));
+        note(ui, format!("{}. {why}", k + 1));
     }
     match &conduct.awaits {
         Awaits::Finder => {}
@@ -228,16 +229,31 @@ pub fn under_way(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &
 
 /// The way to begin one.
 pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut Services) {
-    ui.label(RichText::new("Let the finder drive the arm").strong());
-    note(
-        ui,
-        "It drives what separates the possible effects best, looks, and goes on until one is named, nothing is missing, or ten minutes are up.",
-    );
     let gate = state.experiment_gate(live);
-    let button = egui::Button::new("Run an experiment");
-    let hover =
-        "Computes what to drive (about a minute), shows it, drives and records it. The arm moves.";
-    if gated(ui, &gate, button, hover).clicked() && gate.is_ok() {
+    let mut begins = false;
+    ui.horizontal_wrapped(|ui| {
+        ui.label(RichText::new("Let the finder drive the arm").strong());
+        let button = egui::Button::new("Run an experiment");
+        let hover = "Computes what to drive (about a minute), drives and records it, and looks; ten minutes of motion at most. The arm moves: \
+                     hardware is asked for each excitation.";
+        begins = gated(ui, &gate, button, hover).clicked() && gate.is_ok();
+    });
+    let s = live.snapshot;
+    match s.disagreement.as_ref().filter(|d| d.ratio > 1.0) {
+        Some(d) => {
+            let ago = number((s.stamp.seconds() - d.since_s).max(0.0), 0);
+            let text = format!(
+                "Twin and arm disagree since {ago} s ago, most in {}.",
+                d.channel
+            );
+            status(ui, Level::Warning, &text);
+        }
+        None => {
+            let what = "It drives what separates the possible effects best, until one is named or nothing is missing.";
+            note(ui, what);
+        }
+    }
+    if begins {
         state.experiment(live, services);
     }
 }

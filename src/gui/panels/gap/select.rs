@@ -401,43 +401,49 @@ fn run(
     }
     let selection = &mut state.select;
     ui.separator();
-    ui.label(RichText::new("No sessions at hand?").strong());
+    example(ui, selection, services);
+}
+
+// The way to have an example made.
+fn example(ui: &mut Ui, selection: &mut Selection, services: &mut Services) {
+    let making = selection.making.stage();
+    ui.horizontal_wrapped(|ui| {
+        ui.label(RichText::new("No sessions at hand?").strong());
+        if making.is_some() {
+            return;
+        }
+        let text = match selection.examples_made {
+            0 => "Use the example",
+            _ => "Use another example",
+        };
+        let hover = "Have two sessions of a virtual rig made: 45 s each, about a second's work";
+        if ui.button(text).on_hover_text(hover).clicked() {
+            selection.make_example(services);
+        }
+    });
     note(
         ui,
-        "The virtual rig is driven twice; the second session has a hidden effect. The finder never reads the answer; it can be revealed after the verdict. All of it is simulated.",
+        "Two sessions of the virtual rig, with an effect hidden in the second. The answer can be revealed after the verdict. Simulated.",
     );
-    if let Some(stage) = selection.making.stage() {
-        let mut cancel = false;
-        ui.horizontal_wrapped(|ui| {
-            ui.spinner();
-            note(
-                ui,
-                match stage.what.is_empty() {
-                    true => "Making the example…",
-                    false => &stage.what,
-                },
-            );
-            let hover = "Stop making it; nothing is kept";
-            cancel = ui
-                .button("Cancel the example")
-                .on_hover_text(hover)
-                .clicked();
-        });
-        if cancel {
-            selection.making.cancel();
-        }
-        return;
-    }
-    let text = match selection.examples_made {
-        0 => "Use the example",
-        _ => "Use another example",
-    };
-    if ui
-        .button(text)
-        .on_hover_text("Have two sessions of a virtual rig made: 45 s each, about a second's work")
-        .clicked()
-    {
-        selection.make_example(services);
+    let Some(stage) = making else { return };
+    let mut cancel = false;
+    ui.horizontal_wrapped(|ui| {
+        ui.spinner();
+        note(
+            ui,
+            match stage.what.is_empty() {
+                true => "Making the example…",
+                false => &stage.what,
+            },
+        );
+        let hover = "Stop making it; nothing is kept";
+        cancel = ui
+            .button("Cancel the example")
+            .on_hover_text(hover)
+            .clicked();
+    });
+    if cancel {
+        selection.making.cancel();
     }
 }
 

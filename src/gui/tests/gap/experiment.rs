@@ -1,6 +1,6 @@
 //! The finder drives the arm with the window: it asks, it is recorded, and STOP and HOLD end it.
 
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use super::*;
 use crate::gui::services::gap::{Conducted, Wanted};
@@ -8,7 +8,7 @@ use crate::task::{Leg, Plan, Programme};
 
 /// The finder's end of an experiment.
 struct Finder {
-    wants: Sender<Wanted>,
+    wants: SyncSender<Wanted>,
     answers: Receiver<Result<(), String>>,
     worker: Worker<Result<Arc<Found>, GapError>>,
 }
@@ -48,7 +48,7 @@ fn begun(moves_hardware: bool) -> (Twin, Harness<'static, App>, Finder) {
     services.gap.experiment = Box::new(move |baseline, payload_kg| {
         assert_eq!((baseline, payload_kg), (Path::new(KEPT), 0.0));
         let (job, worker) = Job::pair();
-        let ((wants, wanted), (driven, answers)) = (channel(), channel());
+        let ((wants, wanted), (driven, answers)) = (sync_channel(1), sync_channel(1));
         *make.borrow_mut() = Some(Finder {
             wants,
             answers,
@@ -149,4 +149,23 @@ fn a_hold_ends_it_and_hardware_is_asked_for_every_excitation() {
     click(&mut h, "Cancel the finder");
     assert!(finder.worker.cancelled());
     assert_eq!(plans(&twin.taken()).len(), 0);
+}
+
+#[test]
+fn a_click_on_the_disagreement_leads_to_the_finder() {
+    let mut s = connected(60.0, false, Mode::Moving);
+    s.disagreement = Some(crate::signal::Disagreement {
+        t_s: 60.0,
+        ratio: 2.5,
+        channel: "spring 12".to_owned(),
+        since_s: 45.0,
+    });
+    let (_twin, mut h) = running(s);
+    assert_ne!(h.state().screen, ScreenId::Gap);
+    h.get_by_label("2.5").click();
+    h.run_steps(4);
+    assert_eq!(h.state().screen, ScreenId::Gap);
+    h.get_by_label_contains("disagree since 15 s ago, most in spring 12");
+    // The arm moves: it is not taken over.
+    assert!(is_disabled(&h, "Run an experiment"));
 }
