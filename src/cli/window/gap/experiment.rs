@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use anyhow::{Context as _, Result};
 
-use super::super::later::later;
 use super::{Answer, Watched, said};
 use crate::cli::args::commissioned;
+use crate::cli::window::later::later;
 use springtwin::gap::{GapError, Grid};
 use springtwin::gui::services::gap::{Conducted, Wanted};
 use springtwin::gui::services::{Job, Worker};

@@ -35,6 +35,7 @@ fn connected(t_s: f64, moves_hardware: bool, mode: Mode) -> Snapshot {
     s.link.connected = true;
     s.link.simulated = !moves_hardware;
     s.link.practice = !moves_hardware;
+    s.link.board_simulated = [Some(!moves_hardware); 2];
     s
 }
 
