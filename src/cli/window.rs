@@ -116,6 +116,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     let (rig, robot) = (rig.to_owned(), robot.clone());
     let app_ends = Arc::clone(&ends);
     let warnings = a.log.warnings();
+    let baseline = a.baseline.map(Path::to_owned);
     let robot_file = robot_file.map(Path::to_owned);
     let begin: device::Begin<'_> = Box::new(move |cc| {
         let mut pace = Pace::default();
@@ -143,6 +144,10 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             robot_file.as_deref(),
             &gap::data_folder(),
         );
+        if let Some(given) = baseline {
+            app.services.gap.baseline =
+                Box::new(move || springtwin::gui::services::Job::ready(Ok(Some(given.clone()))));
+        }
         app.set_up(&cc.egui_ctx, cc.storage);
         app.screens.accuracy.registration = registration;
         app.screens.operate.view3d.set_reachable(&reachable);

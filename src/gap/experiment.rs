@@ -128,7 +128,7 @@ impl Design {
             let (grid, p) = (&grids[k], &possible[k]);
             let all_ends = information(robot, &baseline, (grid, &p.ends_s), &candidates, &ways)?;
             let done = 1 + done.fetch_add(1, Ordering::Relaxed);
-            progress.at(Stage::Explain, done as f64 / all.len() as f64)?;
+            progress.at(Stage::Design, done as f64 / all.len() as f64)?;
             let ends = p.ends_s.iter().zip(all_ends);
             let shown = ends.map(|(seconds, information)| Shown {
                 name: p.name.clone(),

@@ -175,6 +175,8 @@ pub enum GapError {
 /// Part of the work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
+    /// Computing what to drive; no part of a search.
+    Design,
     /// Fitting the healthy rig.
     Commission,
     /// Replaying the suspect session.
@@ -190,7 +192,7 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All of them, in the order of the work.
+    /// Those of a search, in the order of the work.
     pub const ALL: [Self; 6] = [
         Self::Commission,
         Self::Replay,
@@ -203,6 +205,7 @@ impl Stage {
     /// What is being done, a few words.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Design => "Computing what each excitation would show",
             Self::Commission => "Fitting the healthy rig",
             Self::Replay => "Replaying the suspect session",
             Self::Locate => "Describing where it differs",

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use anyhow::{Context as _, Result};
 
-use super::later::later;
+use super::later::{give_way, later};
 use crate::cli::signals::taken_by_child;
 use crate::cli::{read_text, sentence, user};
 use springtwin::gap::report::Origin;
@@ -78,12 +78,14 @@ pub fn services(
             let (path, robot) = (path.to_owned(), Arc::clone(&commissioned_robot));
             let kept = baseline_file(&commissioned_data, &robot);
             later(&for_commission, "commissioning", move |worker| {
+                give_way();
                 commission(&path, &robot, &kept, worker).map_err(said)
             })
         }),
         find: Box::new(move |pair, known| {
             let (robot, pair, ctx) = (Arc::clone(&find_robot), pair.clone(), for_find.clone());
             later(&for_find, "gap finder", move |worker| {
+                give_way();
                 find(&robot, &pair, known.as_deref(), worker, &ctx).map_err(said)
             })
         }),

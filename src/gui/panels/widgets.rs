@@ -323,8 +323,11 @@ pub fn ends(
         right(ui);
         let to = ui.cursor().min;
         let width = to.x - from.x - ui.spacing().item_spacing.x;
-        if to.y == from.y && (width - known).abs() > 0.5 {
-            ui.data_mut(|d| d.insert_temp(id, width));
+        // One that has grown and no longer fits is measured again, in a row of its own.
+        let wrapped = to.y != from.y;
+        let now = if wrapped { f32::INFINITY } else { width };
+        if now != known && (now - known).abs() > 0.5 {
+            ui.data_mut(|d| d.insert_temp(id, now));
             ui.ctx().request_repaint();
         }
     });

@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result};
 
 use super::{Answer, Watched, said};
 use crate::cli::args::commissioned;
-use crate::cli::window::later::later;
+use crate::cli::window::later::{give_way, later};
 use springtwin::gap::{GapError, Grid};
 use springtwin::gui::services::gap::{Conducted, Wanted};
 use springtwin::gui::services::{Job, Worker};
@@ -39,6 +39,7 @@ pub fn begin(
     let baseline = baseline.to_owned();
     let repaint = ctx.clone();
     let job = later(ctx, "experiment", move |worker| {
+        give_way();
         let link = (wants, answers);
         let run = || {
             conduct(

@@ -455,7 +455,9 @@ fn at_work(ui: &mut Ui, state: &mut GapState, commands: &mut Vec<Command>) {
     let p = *Palette::in_ui(ui);
     let at = Stage::ALL.iter().position(|s| s.name() == stage.what);
     ui.label(RichText::new("The finder is running").strong());
-    let share = at.map_or(0.0, |i| {
+    // An experiment does other things besides.
+    let searches = at.is_some() || state.conduct.is_none();
+    let share = at.map_or(stage.share.unwrap_or(0.0), |i| {
         (i as f32 + stage.share.unwrap_or(0.0)) / Stage::ALL.len() as f32
     });
     ui.add(
@@ -469,7 +471,8 @@ fn at_work(ui: &mut Ui, state: &mut GapState, commands: &mut Vec<Command>) {
     )
     .accessible_name("Progress of the finder");
     ui.spacing_mut().item_spacing.y = 2.0;
-    for (i, s) in Stage::ALL.into_iter().enumerate() {
+    let stages = Stage::ALL.into_iter().filter(|_| searches);
+    for (i, s) in stages.enumerate() {
         let (glyph, color) = match at {
             Some(now) if i < now => ("●", p.weak),
             Some(now) if i == now => ("▶", p.text),
