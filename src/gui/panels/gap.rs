@@ -526,7 +526,7 @@ fn steps(ui: &mut Ui, state: &GapState) -> Option<Step> {
 /// One step back or on, and whether the finder is at work; gives the step that is to be shown.
 fn back_and_next(ui: &mut Ui, state: &GapState) -> Option<Step> {
     if state.running.is_busy() {
-        ui.spinner();
+        // No spinner: a minute of painting would take the finder's time where pictures are made in software.
         status(ui, Level::Normal, "finder at work");
     }
     let at = state.step.index();
