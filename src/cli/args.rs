@@ -9,13 +9,14 @@ use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 
 use springtwin::control::Gains;
-use springtwin::drive::{Instruments, Resets};
+use springtwin::drive::{DEFAULT_RIG, Instruments, Resets};
 use springtwin::gap::{Commissioned, Monitor};
 use springtwin::lab::gap_files::read_baseline;
 pub use springtwin::lab::ranges::{payload_in_range, pressures_in_range};
 use springtwin::link::wire::fault;
 use springtwin::link::{fault_names, fault_of_name};
 use springtwin::rig::Obstacle;
+use springtwin::rig::hidden::Hidden;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, CHAMBERS, ControllerKind};
 use springtwin::task::Item;
@@ -225,6 +226,18 @@ pub fn cause(text: &str) -> Result<u16, String> {
 /// What `--reset` lets go, with the causes that were named.
 pub fn resets(named: Option<&[u16]>) -> Resets {
     named.map_or_else(Resets::default, Resets::usual_and)
+}
+
+/// Refuses to hide effects in a rig that is not in this process.
+///
+/// # Errors
+/// What to do instead.
+pub fn hides_in_process(hide: &[Hidden], rig: &str) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        hide.is_empty() || rig == DEFAULT_RIG,
+        "--hide is for the virtual rig in this process: start another one with springtwin rig --hide"
+    );
+    Ok(())
 }
 
 /// A factor on the arm's stiffness.

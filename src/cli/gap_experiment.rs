@@ -9,6 +9,7 @@ use anyhow::{Context as _, Result};
 use serde_json::json;
 
 use super::args::{self, InstrumentArgs, RollingArgs, commissioned};
+use super::drive::commands::{EXCITE_BEGIN_S, ensure_carried_out};
 use super::gap_run::{FOUND, Logged, finding_text, table};
 use super::outputs::Overwrite;
 use super::{Report, stdio, user};
@@ -66,16 +67,11 @@ pub struct ExperimentArgs {
 
 /// File of the experiment's course.
 const COURSE: &str = "experiment.json";
-/// Time that the boards have to introduce themselves and the gauges to be checked, s.
-const BEGIN_S: f64 = 120.0;
 
 /// `gap experiment`.
 pub fn run(a: &ExperimentArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
-    anyhow::ensure!(
-        a.hide.is_empty() || a.rig == DEFAULT_RIG,
-        "--hide is for the virtual rig in this process: start another one with springtwin rig --hide"
-    );
+    args::hides_in_process(&a.hide, &a.rig)?;
     a.overwrite
         .files(&a.out, &[FOUND.as_slice(), &[COURSE]].concat())?;
     let rig = commissioned(&a.baseline)?;
@@ -139,7 +135,7 @@ fn drive_round(
         .rolling(user::rolling_folder(), a.rolling.of())
         .ends_with(Arc::clone(ends));
     let programme = excitation.programme().clone();
-    let seconds = programme.seconds + BEGIN_S;
+    let seconds = programme.seconds + EXCITE_BEGIN_S;
     let name = programme.name.clone();
     let driven = drive(
         twin,
@@ -154,17 +150,7 @@ fn drive_round(
         },
         None,
     )?;
-    if let Some(reason) = &driven.refused {
-        anyhow::bail!("round {}: {reason}", round + 1);
-    }
-    if let Some(reason) = &driven.safe {
-        anyhow::bail!("round {}: the arm went SAFE: {reason}", round + 1);
-    }
-    anyhow::ensure!(
-        driven.finished_s.is_some(),
-        "round {} was not driven to its end within {seconds:.0} s",
-        round + 1
-    );
+    ensure_carried_out(&driven, seconds).with_context(|| format!("round {}", round + 1))?;
     Ok(Grid::new(read_session(&record)?)?)
 }
 

@@ -73,6 +73,14 @@ pub struct Belief {
     effects: Vec<(f64, f64)>,
 }
 
+impl Belief {
+    /// The candidates that may be missing.
+    fn alive(&self) -> Vec<usize> {
+        let all = 0..self.effects.len();
+        all.filter(|i| self.effects[*i].0 > 0.0).collect()
+    }
+}
+
 /// What to drive next.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Proposal {
@@ -262,9 +270,7 @@ impl Design {
     fn why(&self, index: usize, belief: &Belief, driven: &Driven) -> String {
         let shown = &self.shown[index];
         let then = Driven(&driven.0 + &shown.information);
-        let mut alive: Vec<usize> = (0..self.candidates.len())
-            .filter(|i| belief.effects[*i].0 > 0.0)
-            .collect();
+        let mut alive = belief.alive();
         alive.sort_by(|a, b| belief.effects[*b].0.total_cmp(&belief.effects[*a].0));
         match alive[..] {
             [a, b, ..] if alive.len() <= FEW => {
@@ -305,9 +311,7 @@ impl Design {
 
     /// U, with this much information.
     fn worth(&self, information: &DMatrix<f64>, belief: &Belief) -> f64 {
-        let alive: Vec<usize> = (0..self.candidates.len())
-            .filter(|i| belief.effects[*i].0 > 0.0)
-            .collect();
+        let alive = belief.alive();
         let log = |nats: f64| (1.0 + nats / CONFIG.experiment_nats).ln();
         let of = |&a: &usize| {
             let (weight, size) = belief.effects[a];

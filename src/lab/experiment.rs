@@ -54,20 +54,8 @@ impl Strategy {
     ];
 }
 
-/// An arm that can be driven.
-pub trait Arm {
-    /// Drives an excitation; the session that it gave.
-    ///
-    /// # Errors
-    /// When it was not driven to the end.
-    fn drive(&mut self, round: usize, excitation: &Drive) -> Result<Grid>;
-}
-
-impl<F: FnMut(usize, &Drive) -> Result<Grid>> Arm for F {
-    fn drive(&mut self, round: usize, excitation: &Drive) -> Result<Grid> {
-        self(round, excitation)
-    }
-}
+/// An arm that can be driven: given the round and an excitation, the session that it gave, or why it was not driven to the end.
+pub type Arm<'a> = dyn FnMut(usize, &Drive) -> Result<Grid> + 'a;
 
 /// What an experiment is given.
 pub struct Experiment<'a> {
@@ -156,7 +144,7 @@ impl Experiment<'_> {
     /// When the arm does not follow, the sessions cannot be judged, or it is stopped.
     pub fn run(
         &self,
-        arm: &mut dyn Arm,
+        arm: &mut Arm<'_>,
         ask: &mut dyn FnMut(&str) -> Result<()>,
         progress: &dyn Progress,
     ) -> Result<Outcome> {
@@ -202,7 +190,7 @@ impl Experiment<'_> {
             };
             ask(&why)?;
             let drive = library[index / ENDS].until(SECONDS[index % ENDS]);
-            grids.push(arm.drive(n, &drive)?);
+            grids.push(arm(n, &drive)?);
             let options = Options {
                 seed: self.seed,
                 from_start: true,

@@ -9,7 +9,7 @@ use super::*;
 use crate::control::Gains;
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
 use crate::link::Order;
-use crate::robot::RobotSpec;
+use crate::robot::{KeepOut, RobotSpec};
 use crate::sensing::{Calibration, Sensing};
 use crate::signal::ControllerKind;
 use crate::signal::{
@@ -96,6 +96,34 @@ fn twin_of(robot: &RobotSpec, pose: Arc<dyn PoseMap>) -> Twin {
         ..LinkStatus::default()
     });
     twin
+}
+
+/// A twin with the shipped networks, which know how far the arm gets; what is below `z_m` it keeps out of.
+fn shipped_above(z_m: f64) -> Twin {
+    let networks = include_bytes!("../../assets/networks/unit-1/reference.safetensors");
+    let model = crate::learn::Model::from_bytes(networks).expect("the shipped networks");
+    let robot = over_a_table(z_m);
+    let sensing = Sensing::new(&robot, Calibration::virtual_rig());
+    let gains = Gains::of(ControllerKind::NullSpaceQp);
+    let mut twin = Twin::new(&robot, model.into(), sensing, gains);
+    twin.observe_link(LinkStatus {
+        connected: true,
+        simulated: true,
+        practice: true,
+        ..LinkStatus::default()
+    });
+    twin
+}
+
+/// The reference robot, whose arm keeps out of what is below `z_m`.
+fn over_a_table(z_m: f64) -> RobotSpec {
+    let mut robot = RobotSpec::reference();
+    robot.keep_out = vec![KeepOut {
+        name: "table".to_owned(),
+        point_m: [0.0, 0.0, z_m].into(),
+        outward: nalgebra::Vector3::z_axis(),
+    }];
+    robot
 }
 
 /// A frame of an arm at rest. 2 MHz, 8 ms gates, about 152 mm on every spring.

@@ -166,7 +166,7 @@ fn goal(position_m: [f64; 3], direction: Option<[f64; 3]>) -> Goal {
 }
 
 /// The error of a refused or interrupted drive.
-fn ensure_carried_out(driven: &Driven, seconds: f64) -> Result<()> {
+pub fn ensure_carried_out(driven: &Driven, seconds: f64) -> Result<()> {
     ensure_no_refusal(driven)?;
     anyhow::ensure!(
         driven.finished_s.is_some(),
@@ -302,7 +302,7 @@ pub struct ExciteArgs {
 }
 
 /// Time that the boards have to introduce themselves and the gauges to be checked, s.
-const EXCITE_BEGIN_S: f64 = 120.0;
+pub const EXCITE_BEGIN_S: f64 = 120.0;
 
 #[derive(Args)]
 pub struct FollowArgs {
@@ -330,10 +330,7 @@ pub struct FollowArgs {
 
 /// `excite`.
 pub fn excite(a: &ExciteArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
-    anyhow::ensure!(
-        a.hide.is_empty() || a.common.rig == DEFAULT_RIG,
-        "--hide is for the virtual rig in this process: start another one with springtwin rig --hide"
-    );
+    args::hides_in_process(&a.hide, &a.common.rig)?;
     let hidden = Around {
         hidden: a.hide.clone(),
         ..Around::default()

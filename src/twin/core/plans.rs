@@ -76,8 +76,7 @@ impl Twin {
         if let Some(reason) = self.not_allowed().or_else(|| self.held_on_hardware()) {
             return self.refuse(reason, events);
         }
-        let excitations = plan.programmes();
-        if let Some(reason) = excitations.filter_map(|p| self.beyond_reach(p)).next() {
+        if let Some(reason) = plan.programmes().find_map(|p| self.beyond_reach(p)) {
             return self.refuse(format!("{reason} Nothing was started."), events);
         }
         let stops = plan.stops(self.payload_kg);

@@ -1,7 +1,6 @@
 //! Programmes of pressures: what is refused before anything moves, and what ends one.
 
 use super::*;
-use crate::robot::KeepOut;
 use crate::task::Programme;
 
 /// Chamber 2 up to `most_pa` at the given rate, and back.
@@ -101,34 +100,17 @@ fn a_programme_beyond_the_limits_is_refused_before_anything_moves() {
     );
 }
 
-/// The shipped networks know how far the arm gets.
 #[test]
 fn a_programme_into_a_space_that_is_kept_out_of_is_refused() {
-    let networks = include_bytes!("../../../assets/networks/unit-1/reference.safetensors");
-    let model = crate::learn::Model::from_bytes(networks).expect("the shipped networks");
     for (z_m, is_refused) in [(-0.32, true), (-0.40, false)] {
-        let mut robot = RobotSpec::reference();
-        robot.keep_out = vec![KeepOut {
-            name: "the table".to_owned(),
-            point_m: [0.0, 0.0, z_m].into(),
-            outward: nalgebra::Vector3::z_axis(),
-        }];
-        let sensing = Sensing::new(&robot, Calibration::virtual_rig());
-        let gains = Gains::of(ControllerKind::NullSpaceQp);
-        let mut twin = Twin::new(&robot, model.clone().into(), sensing, gains);
-        twin.observe_link(LinkStatus {
-            connected: true,
-            simulated: true,
-            practice: true,
-            ..LinkStatus::default()
-        });
+        let mut twin = shipped_above(z_m);
         feed(&mut twin, 0, 150);
         let mut down = programme(0.0, 10.0);
         down.knots = std::array::from_fn(|_| vec![[0.0, 0.0], [10.0, 25e3]]);
         let (_, events) = follow(&mut twin, 150, 20, &excite(down));
         let why = refused(&events);
         assert_eq!(
-            why.contains("keeps out of (the table)"),
+            why.contains("keeps out of (table)"),
             is_refused,
             "{z_m}: {why}"
         );

@@ -2,7 +2,6 @@
 
 use super::safety::line;
 use super::*;
-use crate::robot::KeepOut;
 use crate::signal::{ArmingCheck, SPRINGS};
 
 fn refusals(events: &[Event]) -> Vec<String> {
@@ -78,13 +77,7 @@ fn another_arm_behind_the_same_port_is_not_armed() {
 
 /// A twin whose arm keeps out of what is below `z_m`.
 fn above(z_m: f64) -> Twin {
-    let mut robot = RobotSpec::reference();
-    robot.keep_out = vec![KeepOut {
-        name: "table".to_owned(),
-        point_m: [0.0, 0.0, z_m].into(),
-        outward: nalgebra::Vector3::z_axis(),
-    }];
-    twin_of(&robot, Arc::new(Crude))
+    twin_of(&over_a_table(z_m), Arc::new(Crude))
 }
 
 #[test]
@@ -459,26 +452,6 @@ fn a_supply_that_is_still_on_after_a_reset_is_cut_again() {
 /// Both stops are outside, and what the arm does between them is not.
 #[test]
 fn a_way_through_a_space_that_is_kept_out_of_is_refused() {
-    let networks = include_bytes!("../../../assets/networks/unit-1/reference.safetensors");
-    let model = crate::learn::Model::from_bytes(networks).expect("the shipped networks");
-    let twin_over = |z_m: f64| {
-        let mut robot = RobotSpec::reference();
-        robot.keep_out = vec![KeepOut {
-            name: "table".to_owned(),
-            point_m: [0.0, 0.0, z_m].into(),
-            outward: nalgebra::Vector3::z_axis(),
-        }];
-        let sensing = Sensing::new(&robot, Calibration::virtual_rig());
-        let gains = Gains::of(ControllerKind::NullSpaceQp);
-        let mut twin = Twin::new(&robot, model.clone().into(), sensing, gains);
-        twin.observe_link(LinkStatus {
-            connected: true,
-            simulated: true,
-            practice: true,
-            ..LinkStatus::default()
-        });
-        twin
-    };
     let stops = [[0.08, 0.0, -0.30], [-0.08, 0.0, -0.30]];
     let plan = Plan {
         name: "across".to_owned(),
@@ -487,7 +460,7 @@ fn a_way_through_a_space_that_is_kept_out_of_is_refused() {
             .to_vec(),
     };
     for (z_m, is_refused) in [(-0.303, true), (-0.34, false)] {
-        let mut twin = twin_over(z_m);
+        let mut twin = shipped_above(z_m);
         feed(&mut twin, 0, 20);
         let start = [Command::Arm, Command::Start(plan.clone())];
         let (_, mut events) = twin.tick(at(20), Some(frame(20)), &start);
