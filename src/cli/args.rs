@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 
 use springtwin::control::Gains;
-use springtwin::drive::{DEFAULT_RIG, Instruments, Resets};
+use springtwin::drive::{Instruments, Resets, is_virtual};
 use springtwin::gap::{Commissioned, Monitor};
 use springtwin::lab::gap_files::read_baseline;
 pub use springtwin::lab::ranges::{payload_in_range, pressures_in_range};
@@ -228,14 +228,14 @@ pub fn resets(named: Option<&[u16]>) -> Resets {
     named.map_or_else(Resets::default, Resets::usual_and)
 }
 
-/// Refuses to hide effects in a rig that is not in this process.
+/// Refuses to hide effects in boards that are not the virtual rig's.
 ///
 /// # Errors
 /// What to do instead.
-pub fn hides_in_process(hide: &[Hidden], rig: &str) -> anyhow::Result<()> {
+pub fn hides_in_virtual(hide: &[Hidden], rig: &str) -> anyhow::Result<()> {
     anyhow::ensure!(
-        hide.is_empty() || rig == DEFAULT_RIG,
-        "--hide is for the virtual rig in this process: start another one with springtwin rig --hide"
+        hide.is_empty() || is_virtual(rig),
+        "--hide is for the virtual rig (--rig sim or pty): a rig behind a port is started with springtwin rig --hide"
     );
     Ok(())
 }

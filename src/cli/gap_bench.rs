@@ -77,6 +77,9 @@ pub struct BenchArgs {
     /// ones, chirps and a fixed list
     #[arg(long, conflicts_with_all = ["only", "shard", "discover"])]
     experiment: bool,
+    /// Noise beyond that of the sensors, per cent of the standard deviation of each channel
+    #[arg(long, value_name = "PERCENT", default_value = "0", value_parser = args::not_negative, conflicts_with = "experiment")]
+    extra_noise: f64,
     /// Length of the sessions, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative, hide = true)]
     seconds: f64,
@@ -129,6 +132,7 @@ pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         jobs: a.jobs,
         limit_s: a.limit,
         seconds: a.seconds,
+        noise_percent: a.extra_noise,
         finder: a.finder.clone(),
         discover: a.discover,
         experiment: a.experiment,
@@ -166,6 +170,9 @@ pub struct CaseArgs {
     /// Length of the sessions, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
     seconds: f64,
+    /// Noise beyond that of the sensors, per cent of the standard deviation of each channel
+    #[arg(long, value_name = "PERCENT", default_value = "0", value_parser = args::not_negative)]
+    extra_noise: f64,
     /// Also make a session to prove a law on
     #[arg(long)]
     proof: bool,
@@ -217,6 +224,7 @@ pub fn case(a: &CaseArgs, robot: &RobotSpec) -> Result<Report> {
         effects: a.effect.clone(),
         one_of: a.one_of.clone(),
         seconds: a.seconds,
+        noise_percent: a.extra_noise,
         proof: a.proof,
     };
     gap_bench::make_case(&options, robot)?;

@@ -10,8 +10,8 @@ use super::Report;
 use super::gap_run::{Logged, held_out_text, proof_text, read, table};
 use super::outputs::Overwrite;
 use springtwin::drive::read_text;
-use springtwin::gap::{self, Discovery, LawVerdict, Patch};
-use springtwin::lab::gap_files::{sessions_among, write_all};
+use springtwin::gap::{self, Discovery, Grid, LawVerdict, Patch};
+use springtwin::lab::gap_files::{sessions_among, write_all, write_forces};
 use springtwin::lab::provenance;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
@@ -44,9 +44,10 @@ pub struct DiscoverArgs {
 }
 
 /// What `gap discover --out` writes.
-const DISCOVERED: [&str; 5] = [
+const DISCOVERED: [&str; 6] = [
     "patch.toml",
     "law.json",
+    "forces.csv",
     "finding.json",
     "report.html",
     "overlay.rrd",
@@ -80,9 +81,24 @@ pub fn run(a: &DiscoverArgs, robot: &RobotSpec) -> Result<Report> {
     done.discovery.notes.extend(note);
     if let Some(dir) = &a.out {
         done.found.finding.seconds = done.discovery.seconds;
+        let grids: Vec<&Grid> = suspects.iter().chain(&options.prove).collect();
+        let forces = |robot: &RobotSpec| gap::residual_forces(robot, done.rig.as_ref(), &grids);
+        let without = forces(robot)?;
+        let with = match done.discovery.verdict {
+            LawVerdict::Law => Some(forces(&robot.patched(done.found.patch.clone()))?),
+            LawVerdict::NoLaw => None,
+        };
+        let tension = gap::strongest(&without[..suspects.len()]);
+        if let (LawVerdict::NoLaw, Some(d)) = (done.discovery.verdict, &tension) {
+            done.discovery
+                .notes
+                .push(format!("{}; see forces.csv.", d.text()));
+        }
+        done.found.finding.traces.tension = tension;
         write_all(dir, &done.found, &done.found.patch, a.simulated)?;
         let law = serde_json::to_string_pretty(&done.discovery)?;
         recording::write_text(&dir.join("law.json"), &law)?;
+        write_forces(&dir.join("forces.csv"), &without, with.as_deref())?;
     }
     let mut json = serde_json::to_value(&done.discovery)?;
     json["differences"] = json!(differences);

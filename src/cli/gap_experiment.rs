@@ -46,7 +46,7 @@ pub struct ExperimentArgs {
     /// Mass in the gripper, declared to the twin, kg; that of the virtual rig has it, too
     #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
     payload: f64,
-    /// Hide an effect in a virtual rig in this process, as `rig --hide` does
+    /// Hide an effect in the virtual rig, as `rig --hide` does
     #[arg(long, value_name = "ID[:TARGET][=VALUE,..][@S]")]
     hide: Vec<Hidden>,
     /// Effects to leave out of the table
@@ -71,7 +71,7 @@ const COURSE: &str = "experiment.json";
 /// `gap experiment`.
 pub fn run(a: &ExperimentArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
-    args::hides_in_process(&a.hide, &a.rig)?;
+    args::hides_in_virtual(&a.hide, &a.rig)?;
     a.overwrite
         .files(&a.out, &[FOUND.as_slice(), &[COURSE]].concat())?;
     let rig = commissioned(&a.baseline)?;

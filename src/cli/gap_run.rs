@@ -121,6 +121,13 @@ pub fn held_out_text(g: &GapSize) -> String {
 
 /// A gap in sessions that had no part in the finding, in words.
 pub fn proof_text(sessions: &str, g: &GapSize) -> String {
+    if !g.shows() {
+        return format!(
+            "in {sessions}, which had no part in finding it, there is no gap to close ({:.2} {}, noise floor {:.2}): what is missing does \
+             not show there",
+            g.before, g.unit, g.floor
+        );
+    }
     format!(
         "in {sessions}, which had no part in finding it: {}",
         gap_text(g)

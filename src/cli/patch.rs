@@ -65,8 +65,8 @@ fn put_on(path: &Path, robot_file: Option<&Path>, out: &Path) -> Result<Report> 
             patch.name,
             patched.patches.len(),
             out.display(),
-            line("in twin, datasets, virtual rig and replay", &arm),
-            line("in the sensors of twin, virtual rig and replay", &sensors),
+            line("in twin, datasets and replay", &arm),
+            line("in the sensors of twin and replay", &sensors),
             line("in `sim replay` alone", &replay),
         ),
         json: json!({

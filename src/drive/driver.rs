@@ -20,7 +20,7 @@ use crate::sensing::Calibration;
 use crate::signal::{ControllerKind, Snapshot, Stamp, StreamStatus};
 use crate::twin::{
     Clock, Command, Event, Handle, LAST_WORDS, Maps, Pace, Port, RollingOf, Runner, Twin, Watch,
-    run_in_real_time, run_in_simulated_time, sensing_for, spawn_until,
+    run_in_real_time, run_in_simulated_time, spawn_until,
 };
 
 /// Builds a twin on a rig: robot, networks, calibration, controller and port.
@@ -159,8 +159,11 @@ impl<'a> TwinBuilder<'a> {
             None => model::maps_for(robot, self.rig)?,
         };
         let sensing = match &self.calibration {
-            Some(calibration) => sensing_for(robot, calibration),
-            None => model::sensing(robot, self.instruments.calibration.as_deref())?,
+            Some(calibration) => maps.sensing(robot, calibration),
+            None => {
+                let file = self.instruments.calibration.as_deref();
+                maps.sensing(robot, &model::calibration(file)?)
+            }
         };
         let mut twin = Twin::new(robot, maps.clone(), sensing, self.gains);
         if let Some(stopwatch) = self.stopwatch {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::config::CONFIG;
 use super::patch::PatchValue;
 use crate::sim::effects::term;
 
@@ -88,6 +89,13 @@ pub struct GapSize {
     pub closed: f64,
     /// mm, deg or kPa.
     pub unit: String,
+}
+
+impl GapSize {
+    /// Whether there is a gap at all: errors beyond those of a healthy session.
+    pub fn shows(&self) -> bool {
+        self.before > CONFIG.at_floor * self.floor
+    }
 }
 
 /// Share of a gap that is closed: (before − after)/(before − floor), at most 1 where the rest lies below the floor, 0 where
@@ -228,6 +236,36 @@ pub struct Traces {
     /// Orientation of the end pad (quaternion w, x, y, z): measured (not finite where nothing was captured),
     /// without, with.
     pub turns: [Vec<[f64; 4]>; 3],
+    /// How a tension that is missing depends on its input; only where it was computed.
+    pub tension: Option<Dependence>,
+}
+
+/// How the residual tension of a bellows depends on the input that explains most of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dependence {
+    /// Which bellows, 0-based.
+    pub bellows: usize,
+    /// Its input, of [`FORCE_INPUTS`](super::FORCE_INPUTS).
+    pub input: &'static str,
+    /// Share of the square of the tension that follows it, 0..1.
+    pub share: f64,
+    /// Root mean square of the tension, N.
+    pub rms_n: f64,
+    /// Input and tension, N, at every instant.
+    pub points: Vec<[f64; 2]>,
+}
+
+impl Dependence {
+    /// In words.
+    pub fn text(&self) -> String {
+        format!(
+            "The tension that is missing in bellows {} ({:.2} N RMS) follows {} most: {:.0} % of its square",
+            self.bellows + 1,
+            self.rms_n,
+            self.input,
+            100.0 * self.share
+        )
+    }
 }
 
 impl Traces {

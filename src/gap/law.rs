@@ -3,11 +3,12 @@
 //! The terms of the library are tried as the effects of the table are, with the same significance threshold, held-out folds
 //! and control, so a law may also be refused.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::baseline::{Healthy, prepared};
+use super::baseline::{Commissioned, Healthy, prepared};
 use super::candidates::Table;
 use super::find::{Found, Options, find};
 use super::finding::{Confirmed, FoundEffect, GapSize, Located, Verdict};
@@ -126,6 +127,8 @@ pub struct Discovered {
     pub discovery: Discovery,
     /// The law with errors of every channel, as the finder gives them.
     pub found: Found,
+    /// What is known of the rig in order; none without a baseline.
+    pub rig: Option<Commissioned>,
 }
 
 /// Terms of the library as a table.
@@ -157,7 +160,7 @@ pub fn discover(
         .map_or(Healthy::Sessions(&[]), Healthy::Commissioned);
     let known = find(robot, table, healthy, suspects, &known, progress)?;
     let found = find_law(robot, &known, healthy, suspects, options, progress)?;
-    Ok(discovered(&known, found))
+    Ok(discovered(&known, found, own.map(Cow::into_owned)))
 }
 
 /// Looks for the law of what is missing, after the effects of the table: `known` is what was found with them.
@@ -202,7 +205,7 @@ fn nearest(known: &Found, found: &Found) -> Option<Nearest> {
     })
 }
 
-fn discovered(known: &Found, found: Found) -> Discovered {
+fn discovered(known: &Found, found: Found, rig: Option<Commissioned>) -> Discovered {
     let f = &found.finding;
     let is_law = f.verdict.has_effects();
     let (own, others): (Vec<&FoundEffect>, Vec<&FoundEffect>) =
@@ -238,7 +241,11 @@ fn discovered(known: &Found, found: Found) -> Discovered {
         data: f.data.clone(),
         seconds: 0.0,
     };
-    Discovered { discovery, found }
+    Discovered {
+        discovery,
+        found,
+        rig,
+    }
 }
 
 /// The laws of a patch as Rust items: effects that a program which uses the library adds to its table.

@@ -19,6 +19,7 @@ mod find;
 mod finding;
 mod fit;
 mod folds;
+mod forces;
 mod heading;
 mod law;
 mod locate;
@@ -50,9 +51,10 @@ pub use config::{CONFIG, FinderConfig};
 pub use experiment::{Belief, Design, Driven, Possible, Proposal};
 pub use find::{Found, Options, find};
 pub use finding::{
-    ChannelError, Confirmed, Explained, FailedFold, Finding, FoundEffect, GapSize, Located, Onset,
-    Ranked, SeparateBy, Traces, Verdict,
+    ChannelError, Confirmed, Dependence, Explained, FailedFold, Finding, FoundEffect, GapSize,
+    Located, Onset, Ranked, SeparateBy, Traces, Verdict,
 };
+pub use forces::{BellowsForce, FORCE_INPUTS, ResidualForces, residual_forces, strongest};
 pub use law::{
     Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, find_law,
     library, patch_law, promoted,

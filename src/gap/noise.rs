@@ -116,6 +116,11 @@ impl Noise {
         }
     }
 
+    /// Healthy size of every channel in use.
+    pub fn sizes(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.channels.iter().copied().zip(self.size.iter().copied())
+    }
+
     /// How many successive rows carry the information of one, on average: Σ(1+φ)/(1−φ)/n.
     pub fn correlation_rows(&self) -> f64 {
         let n = self.phi.len() as f64;

@@ -512,6 +512,7 @@ fn traces(
             plain.iter().map(turn).collect(),
             patched.iter().map(turn).collect(),
         ],
+        tension: None,
     })
 }
 

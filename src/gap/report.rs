@@ -42,6 +42,7 @@ pub fn html(finding: &Finding, patch_toml: &str, origin: Origin) -> String {
         page.verdict(),
         page.effects(),
         page.explained(),
+        page.tension(),
         page.notes(),
         page.gap(),
         page.residuals(),
@@ -200,6 +201,21 @@ impl Page<'_> {
         );
         let picture = self.figure(&plot::explained(&explained), &caption);
         section("What it explains", &picture)
+    }
+
+    fn tension(&self) -> String {
+        let Some(d) = &self.finding.traces.tension else {
+            return String::new();
+        };
+        let caption = format!(
+            "{}. One point per instant: what that bellows would have to pull besides, without a law, over {}.",
+            d.text(),
+            d.input
+        );
+        section(
+            "Where a force is missing",
+            &self.figure(&plot::dependence(d), &caption),
+        )
     }
 
     fn notes(&self) -> String {

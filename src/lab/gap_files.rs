@@ -1,6 +1,7 @@
 //! Files of the gap finder: the sessions that it reads, the finding that it writes.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
@@ -163,6 +164,41 @@ pub fn write_all(dir: &Path, found: &gap::Found, patch: &Patch, simulated: bool)
         Err(recording::RecordingError::WithoutRrd { .. }) => Ok(()),
         other => Ok(other?),
     }
+}
+
+/// Residual tensions of sessions as text, one line per instant and bellows: without a law and, where there is one, with it.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_forces(
+    path: &Path,
+    without: &[gap::ResidualForces],
+    with: Option<&[gap::ResidualForces]>,
+) -> Result<()> {
+    let mut out = format!(
+        "session,bellows,residual_n,sd_n,with_law_n,{}\n",
+        gap::FORCE_INPUTS.join(",")
+    );
+    for (s, session) in without.iter().enumerate() {
+        // A comma would be a column.
+        let name = session.session.replace(',', " ");
+        for (k, row) in session.rows.iter().enumerate() {
+            let with = with.and_then(|w| w.get(s)?.rows.get(k));
+            let with = with.map_or(String::new(), |r| format!("{:.5}", r.residual_n));
+            let _ = write!(
+                out,
+                "{name},{},{:.5},{:.5},{with}",
+                row.bellows + 1,
+                row.residual_n,
+                row.sd_n
+            );
+            for input in row.inputs {
+                let _ = write!(out, ",{input:.6e}");
+            }
+            out.push('\n');
+        }
+    }
+    Ok(recording::write_text(path, &out)?)
 }
 
 /// Motions of the virtual rig among which the finder looks for a discriminating excitation: the pressures that the

@@ -13,7 +13,7 @@ use crate::recording::{
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::signal::{Estimate, SensorFrame, Snapshot, Stamp, hex};
-use crate::twin::{Maps, Reading, sensing_for};
+use crate::twin::{Maps, Reading};
 
 /// What a recording is computed with.
 pub struct Means<'a> {
@@ -48,7 +48,7 @@ pub fn reprocess(
     );
     let calibration = Calibration::from_toml(&text)
         .with_context(|| format!("the calibration for {}", input.display()))?;
-    let mut sensing = sensing_for(means.robot, &calibration);
+    let mut sensing = means.maps.sensing(means.robot, &calibration);
     let meta = meta(source.meta(), &text, means);
     let mut writer = RecordingWriter::create_like(out, meta, &source)?;
     let mut computed = Computed::default();

@@ -10,7 +10,7 @@ use crate::rig::Unit;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bundle::{Adjustment, Take, adjust};
-use crate::twin::{Maps, sensing_for};
+use crate::twin::Maps;
 
 /// Length of the motion that judges, s, and how its seed differs from that of the motion fitted to.
 const JUDGED_S: f64 = 120.0;
@@ -98,7 +98,7 @@ pub fn tip_error(
     maps: &Maps,
     frames: &[Raw],
 ) -> TipError {
-    let mut sensing = sensing_for(robot, calibration);
+    let mut sensing = maps.sensing(robot, calibration);
     let mut out = TipError::default();
     let (mut n, mut start_s) = (0.0, None);
     for (k, raw) in frames.iter().enumerate() {

@@ -22,6 +22,8 @@ pub struct Maps {
     pub seeds: Arc<Vec<StartSample>>,
     /// SHA-256 of the networks' file, hexadecimal; empty for maps that are from no file.
     pub networks: String,
+    /// Whether the networks have learned the sensor errors of the rig in order from samples of it.
+    pub know_sensors: bool,
 }
 
 /// What a frame of the boards is to a twin.
@@ -35,6 +37,17 @@ pub enum Reading {
 }
 
 impl Maps {
+    /// Sensing for a twin of `robot` with these maps: as [`sensing_for`], but networks that know the sensor errors of the rig in
+    /// order are not given them twice.
+    pub fn sensing(&self, robot: &RobotSpec, calibration: &Calibration) -> Sensing {
+        let errors = match self.know_sensors {
+            true => SensorErrors::of_effects(robot),
+            false => SensorErrors::of(robot),
+        };
+        let patched = Patched::by(robot, calibration, &errors);
+        Sensing::new(&patched.geometry, patched.calibration)
+    }
+
     /// Reads a frame by what `sensing` made of those before.
     pub fn read(&self, sensing: &mut Sensing, raw: &RawFrame) -> Reading {
         let frame = sensing.update(raw);
@@ -68,6 +81,7 @@ impl From<learn::Model> for Maps {
             pose: Arc::new(model.cascade),
             plant: Arc::new(model.plant),
             networks: model.hash,
+            know_sensors: model.scores.s2r.is_some(),
         }
     }
 }
@@ -91,6 +105,10 @@ pub struct Patched {
 impl Patched {
     /// Of `robot` with a calibration.
     pub fn new(robot: &RobotSpec, calibration: &Calibration) -> Self {
+        Self::by(robot, calibration, &SensorErrors::of(robot))
+    }
+
+    fn by(robot: &RobotSpec, calibration: &Calibration, errors: &SensorErrors) -> Self {
         if robot.patches.is_empty() {
             return Self {
                 geometry: robot.clone(),
@@ -98,7 +116,6 @@ impl Patched {
                 imu: [UnitQuaternion::identity(); IMUS],
             };
         }
-        let errors = SensorErrors::of(robot);
         Self {
             geometry: Correction::known(robot).geometry(robot),
             calibration: calibration.clone().corrected(&errors.spring, &errors.imu),

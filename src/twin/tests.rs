@@ -85,6 +85,7 @@ fn twin_of(robot: &RobotSpec, pose: Arc<dyn PoseMap>) -> Twin {
         plant: Arc::new(Crude),
         seeds: Arc::new(vec![([0.0; CHAMBERS], [0.0, 0.0, -0.3])]),
         networks: String::new(),
+        know_sensors: false,
     };
     let sensing = Sensing::new(robot, Calibration::virtual_rig());
     let mut twin = Twin::new(robot, maps, sensing, Gains::of(ControllerKind::NullSpaceQp));

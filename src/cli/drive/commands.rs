@@ -45,6 +45,9 @@ pub struct Common {
     /// A flat thing that the virtual rig's arm cannot enter: a point on it (mm) and the direction out of it
     #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", value_parser = args::obstacle, allow_hyphen_values = true)]
     obstacle: Option<Obstacle>,
+    /// Hide an effect in the virtual rig, as `rig --hide` does; the twin does not know it
+    #[arg(long, value_name = "ID[:TARGET][=VALUE,..][@S]")]
+    hide: Vec<Hidden>,
     /// Seed of the virtual rig's noise
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
@@ -74,7 +77,9 @@ pub struct Common {
 impl Common {
     fn options(&self, robot: &RobotSpec) -> Result<RigOptions> {
         args::payload_in_range(robot, self.payload)?;
+        args::hides_in_virtual(&self.hide, &self.rig)?;
         let mut options = rig_options(self.payload, self.seed);
+        options.hidden.clone_from(&self.hide);
         options.surroundings.stiffness = self.stiffness;
         options.surroundings.obstacle = self.obstacle;
         Ok(options)
@@ -91,19 +96,18 @@ impl Common {
         }
     }
 
-    /// Carries out the plan; `surroundings` are those of the virtual rig.
+    /// Carries out the plan; `objects` lie about the virtual rig.
     fn drive(
         &self,
         robot: &RobotSpec,
         robot_file: Option<&FilePath>,
         plan: Plan,
         seconds: f64,
-        surroundings: Around,
+        objects: Vec<Object>,
     ) -> Result<Driven> {
         self.check_outputs()?;
         let options = RigOptions {
-            objects: surroundings.objects,
-            hidden: surroundings.hidden,
+            objects,
             ..self.options(robot)?
         };
         let twin = TwinBuilder::new(robot)
@@ -132,13 +136,6 @@ impl Common {
             None => Ok(()),
         }
     }
-}
-
-/// What is about, or in, the virtual rig besides what every drive can say.
-#[derive(Default)]
-struct Around {
-    objects: Vec<Object>,
-    hidden: Vec<Hidden>,
 }
 
 #[derive(Args)]
@@ -181,7 +178,7 @@ pub fn goto(a: &GotoArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> R
     let plan = Plan::goto(goal.clone());
     let driven = a
         .common
-        .drive(robot, robot_file, plan, a.seconds, Around::default())?;
+        .drive(robot, robot_file, plan, a.seconds, Vec::new())?;
     ensure_no_refusal(&driven)?;
     let m = measures::of_move(&driven.rows, &goal, robot).context("there was no motion")?;
     let reached = driven.finished_s.is_some();
@@ -294,9 +291,6 @@ pub struct ExciteArgs {
     /// How long, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
     seconds: f64,
-    /// Hide an effect in the virtual rig in this process, as `rig --hide` does
-    #[arg(long, value_name = "ID[:TARGET][=VALUE,..][@S]")]
-    hide: Vec<Hidden>,
     #[command(flatten)]
     common: Common,
 }
@@ -330,15 +324,12 @@ pub struct FollowArgs {
 
 /// `excite`.
 pub fn excite(a: &ExciteArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
-    args::hides_in_process(&a.hide, &a.common.rig)?;
-    let hidden = Around {
-        hidden: a.hide.clone(),
-        ..Around::default()
-    };
     let excitation = session::Drive::new(a.kind, robot, a.common.seed, a.seconds);
     let plan = Plan::excite(excitation.programme().clone());
     let seconds = a.seconds + EXCITE_BEGIN_S;
-    let driven = a.common.drive(robot, robot_file, plan, seconds, hidden)?;
+    let driven = a
+        .common
+        .drive(robot, robot_file, plan, seconds, Vec::new())?;
     ensure_carried_out(&driven, seconds)?;
     a.common.write(&driven, None, &[])?;
     let set = |pick: fn(f64, f64) -> f64, from: f64| {
@@ -386,7 +377,7 @@ pub fn follow(a: &FollowArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) 
     let seconds = longest_s(&path, speed_m_s, a.laps);
     let driven = a
         .common
-        .drive(robot, robot_file, plan, seconds, Around::default())?;
+        .drive(robot, robot_file, plan, seconds, Vec::new())?;
     ensure_carried_out(&driven, seconds)?;
     let m = measures::of_path(&driven, &path.waypoints_m, robot);
     a.common.write(&driven, Some(&path), &m.at_waypoints_mm)?;
@@ -464,16 +455,9 @@ pub fn pick_place(
     };
     let basket_m = a.basket.unwrap_or(BASKET_M);
     let plan = Plan::pick_and_place(&items, basket_m, LIFT_M);
-    let driven = a.common.drive(
-        robot,
-        robot_file,
-        plan.clone(),
-        a.seconds,
-        Around {
-            objects: objects(&items),
-            ..Around::default()
-        },
-    )?;
+    let driven = a
+        .common
+        .drive(robot, robot_file, plan.clone(), a.seconds, objects(&items))?;
     ensure_carried_out(&driven, a.seconds)?;
     a.common.write(&driven, None, &[])?;
     let p = of_pick_place(&driven, &plan, basket_m, robot);

@@ -3,7 +3,7 @@
 use super::heat::{beginning, time_axis};
 use super::markup::{fixed, label, line, number, path, percent, rect, svg, ticks, with_error};
 use super::words::ranked_name;
-use crate::gap::finding::{ChannelError, Explained, GapSize, Onset, Ranked, Traces};
+use crate::gap::finding::{ChannelError, Dependence, Explained, GapSize, Onset, Ranked, Traces};
 
 const WIDTH: f64 = 760.0;
 /// Candidates that are drawn.
@@ -54,11 +54,41 @@ pub(super) fn gap(g: &GapSize) -> String {
 
 /// Residual over the part of it that is explained, with the line on which all of it is.
 pub(super) fn explained(e: &Explained) -> String {
+    let title = format!(
+        "Residual of {} over the part of it that is explained",
+        e.channel
+    );
+    let ranges = [e.range(0), e.range(1)];
+    let names = ["explained part", "residual"];
+    scatter(&e.points, ranges, names, Some(e.line()), &title)
+}
+
+/// Residual tension over the input that it follows most.
+pub(super) fn dependence(d: &Dependence) -> String {
+    let range = |of: usize| {
+        let all = d.points.iter().map(|p| p[of]);
+        let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+            (low.min(v), high.max(v))
+        });
+        let margin = (0.05 * (high - low)).max(1e-9);
+        [low - margin, high + margin]
+    };
+    let names = [d.input, "missing, N"];
+    scatter(&d.points, [range(0), range(1)], names, None, &d.text())
+}
+
+/// Points in a field, with the line on which both are the same.
+fn scatter(
+    points: &[[f64; 2]],
+    [[left, right], [low, high]]: [[f64; 2]; 2],
+    [across, up]: [&str; 2],
+    same: Option<[f64; 2]>,
+    title: &str,
+) -> String {
     const WIDTH: f64 = 480.0;
     const HIGH: f64 = 300.0;
-    const LEFT: f64 = 70.0;
+    const LEFT: f64 = 80.0;
     const TOP: f64 = 8.0;
-    let ([left, right], [low, high]) = (e.range(0), e.range(1));
     let wide = WIDTH - LEFT - 12.0;
     let x = |v: f64| LEFT + wide * (v - left) / (right - left);
     let y = |v: f64| TOP + HIGH * (high - v) / (high - low);
@@ -71,25 +101,16 @@ pub(super) fn explained(e: &Explained) -> String {
         body += &line([x(v), TOP], [x(v), TOP + HIGH], "grid");
         body += &label(x(v), TOP + HIGH + 15.0, "mid small", &number(v));
     }
-    let stride = e.points.len().div_ceil(POINTS).max(1);
-    for [a, b] in e.points.iter().step_by(stride) {
+    let stride = points.len().div_ceil(POINTS).max(1);
+    for [a, b] in points.iter().step_by(stride) {
         body += &rect([x(*a) - 1.0, y(*b) - 1.0], [2.0, 2.0], "mark");
     }
-    let [a, b] = e.line();
-    body += &line([x(a), y(a)], [x(b), y(b)], "chance");
-    let middle = TOP + HIGH / 2.0;
-    body += &label(4.0, middle, "strong", "residual");
-    body += &label(
-        LEFT + wide / 2.0,
-        TOP + HIGH + 32.0,
-        "mid strong",
-        "explained part",
-    );
-    let title = format!(
-        "Residual of {} over the part of it that is explained",
-        e.channel
-    );
-    svg(WIDTH, TOP + HIGH + 40.0, &title, &body)
+    if let Some([a, b]) = same {
+        body += &line([x(a), y(a)], [x(b), y(b)], "chance");
+    }
+    body += &label(4.0, TOP + HIGH / 2.0, "strong", up);
+    body += &label(LEFT + wide / 2.0, TOP + HIGH + 32.0, "mid strong", across);
+    svg(WIDTH, TOP + HIGH + 40.0, title, &body)
 }
 
 /// Gains with their standard errors against the significance threshold. The axis is linear around zero and

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use super::markup::{at, base64, escape, fixed, number, ticks, with_error};
 use super::*;
-use crate::gap::finding::{GapSize, Located, Ranked, SeparateBy, Traces};
+use crate::gap::finding::{Dependence, GapSize, Located, Ranked, SeparateBy, Traces};
 use crate::gap::patch::PatchValue;
 use crate::sim::effects::{EFFECTS, Target};
 
@@ -87,6 +87,13 @@ fn traces() -> Traces {
         after_m: tip(0.0115),
         turns: std::array::from_fn(|_| vec![[1.0, 0.0, 0.0, 0.0]; n]),
         t_s,
+        tension: Some(Dependence {
+            bellows: 1,
+            input: "longer_m",
+            share: 0.8,
+            rms_n: 2.5,
+            points: vec![[-0.01, 4.0], [0.0, 0.0], [0.01, 0.1]],
+        }),
     }
 }
 

@@ -139,6 +139,7 @@ pub fn example_command(
         robot_file,
         proof: false,
         seconds: EXAMPLE_S,
+        noise_percent: 0.0,
     };
     let mut command = maker.command(About::Single, seed, EXAMPLE_STRENGTH, folder, answer);
     // A closed window leaves no generator behind.

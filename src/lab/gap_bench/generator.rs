@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context as _, Result};
+use nalgebra::{UnitQuaternion, Vector3};
 use rand::Rng as _;
 
 use super::cases::{Answer, Case, CaseKind, Value, case_like};
@@ -14,7 +15,8 @@ use crate::lab::shards::write;
 use crate::recording::write_session;
 use crate::rig::hidden::{Growth, Kind, kind};
 use crate::robot::RobotSpec;
-use crate::sim::dataset::sample_rng;
+use crate::signal::{CHAMBERS, IMUS, SPRINGS};
+use crate::sim::dataset::{normal, sample_rng};
 
 /// Rigs that are tried for a case before it is given up.
 pub(super) const ATTEMPTS: usize = 5;
@@ -38,6 +40,8 @@ pub struct CaseOptions {
     pub one_of: Vec<&'static Kind>,
     /// Length of the sessions, s.
     pub seconds: f64,
+    /// Noise beyond that of the sensors, per cent of what each channel moves by.
+    pub noise_percent: f64,
     /// With a third session, proof/, in which the same is hidden under another excitation.
     pub proof: bool,
 }
@@ -60,11 +64,81 @@ pub fn make_case(o: &CaseOptions, robot: &RobotSpec) -> Result<()> {
         o.key.display()
     );
     let (case, logs) = draw(o, robot)?;
-    for (name, log) in SESSIONS.into_iter().chain([PROOF]).zip(logs) {
+    for (i, (name, mut log)) in SESSIONS.into_iter().chain([PROOF]).zip(logs).enumerate() {
+        if o.noise_percent > 0.0 {
+            add_noise(
+                &mut log,
+                o.noise_percent / 100.0,
+                &mut sample_rng(o.seed, NOISE_STREAM + i),
+            );
+        }
         write_session(&out.join(name), &session_log(log, robot))?;
     }
     // Last: where there is a key, there is a whole case.
     write(&key, &serde_json::to_string_pretty(&key_of(&case))?)
+}
+
+/// First random stream of the noise that is added.
+const NOISE_STREAM: usize = 0x4015;
+
+/// Adds white noise to gauges, springs, IMUs and motion capture: this share of the standard deviation of each channel.
+fn add_noise(log: &mut Session, share: f64, rng: &mut impl rand::Rng) {
+    for i in 0..CHAMBERS {
+        noisy(log.chamber_pa.iter_mut().map(|row| &mut row[i]), share, rng);
+    }
+    for i in 0..SPRINGS {
+        noisy(
+            log.sensors.iter_mut().map(|s| &mut s.spring_m[i]),
+            share,
+            rng,
+        );
+    }
+    for i in 0..IMUS {
+        for a in 0..3 {
+            noisy(
+                log.sensors.iter_mut().map(|s| &mut s.imu_ypr_rad[i][a]),
+                share,
+                rng,
+            );
+        }
+    }
+    for a in 0..3 {
+        noisy(
+            log.captured
+                .iter_mut()
+                .flatten()
+                .map(|p| &mut p.translation.vector[a]),
+            share,
+            rng,
+        );
+    }
+    // Turns against the first pose, as vectors, so that no angle wraps.
+    let Some(first) = log.captured.iter().flatten().next().map(|p| p.rotation) else {
+        return;
+    };
+    let mut turns: Vec<Vector3<f64>> = log
+        .captured
+        .iter()
+        .flatten()
+        .map(|p| (first.inverse() * p.rotation).scaled_axis())
+        .collect();
+    for a in 0..3 {
+        noisy(turns.iter_mut().map(|w| &mut w[a]), share, rng);
+    }
+    for (pose, turn) in log.captured.iter_mut().flatten().zip(turns) {
+        pose.rotation = first * UnitQuaternion::from_scaled_axis(turn);
+    }
+}
+
+/// Adds white noise to one channel, missing values aside.
+fn noisy<'a>(channel: impl Iterator<Item = &'a mut f64>, share: f64, rng: &mut impl rand::Rng) {
+    let mut known: Vec<&mut f64> = channel.filter(|x| x.is_finite()).collect();
+    let n = known.len().max(1) as f64;
+    let mean = known.iter().map(|x| **x).sum::<f64>() / n;
+    let sd = (known.iter().map(|x| (**x - mean).powi(2)).sum::<f64>() / n).sqrt();
+    for x in &mut known {
+        **x += share * sd * normal(rng);
+    }
 }
 
 /// The case and its sessions; rigs that cannot hold the hidden effects are passed over.
@@ -166,6 +240,8 @@ pub struct Maker<'a> {
     pub robot_file: Option<&'a Path>,
     /// Length of the sessions, s.
     pub seconds: f64,
+    /// Noise beyond that of the sensors, per cent of what each channel moves by.
+    pub noise_percent: f64,
     /// With a session to prove a law on.
     pub proof: bool,
 }
@@ -197,6 +273,7 @@ impl Maker<'_> {
         command.args(["--seed", &seed.to_string()]);
         command.args(["--strength", &strength.to_string()]);
         command.args(["--seconds", &self.seconds.to_string()]);
+        command.args(["--extra-noise", &self.noise_percent.to_string()]);
         if self.proof {
             command.arg("--proof");
         }
@@ -219,5 +296,23 @@ impl Maker<'_> {
         let said = String::from_utf8_lossy(&out.stderr);
         anyhow::ensure!(out.status.success(), "{}", said.trim());
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_a_share_of_what_a_channel_moves_by() {
+        let clean: Vec<f64> = (0..5000).map(|k| f64::from(k % 100)).collect();
+        let mut noisier = clean.clone();
+        noisier[7] = f64::NAN;
+        noisy(noisier.iter_mut(), 0.05, &mut sample_rng(1, 0));
+        assert!(noisier[7].is_nan());
+        let added = clean.iter().zip(&noisier).map(|(a, b)| (b - a).powi(2));
+        let sd = (added.filter(|x| x.is_finite()).sum::<f64>() / 4999.0).sqrt();
+        let expected = 0.05 * (9999.0_f64 / 12.0).sqrt();
+        assert!((sd / expected - 1.0).abs() < 0.05, "{sd} for {expected}");
     }
 }

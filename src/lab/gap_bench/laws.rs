@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use super::suite::Planned;
 use super::{Places, finder};
 use crate::drive::read_text;
+use crate::gap::GapSize;
 use crate::gap::score::{Key, median, median_ci95, wilson};
 use crate::sim::effects::{Input, Site};
 
@@ -97,9 +98,14 @@ impl Solved {
         Some([site, inputs.iter().any(is)])
     }
 
-    /// Share of the gap that closes in the third session.
+    /// The gap in the third session; none without a law.
+    fn proof(&self) -> Option<GapSize> {
+        serde_json::from_value(self.said["proof"].clone()).ok()
+    }
+
+    /// Share of the gap that closes in the third session, where what is hidden shows there.
     fn closed(&self) -> Option<f64> {
-        self.said["proof"]["closed"].as_f64()
+        self.proof().filter(GapSize::shows).map(|g| g.closed)
     }
 }
 
@@ -202,8 +208,13 @@ pub fn report(all: &[Solved], head: &str) -> (String, Value) {
             s.right()
                 .filter(|_| s.has_law())
                 .map_or("-".to_owned(), |[a, b]| format!("{}, {}", yes(a), yes(b))),
-            s.closed()
-                .map_or("-".to_owned(), |c| format!("{:.0} %", 100.0 * c)),
+            s.closed().map_or(
+                match s.proof() {
+                    Some(_) => "no gap there".to_owned(),
+                    None => "-".to_owned(),
+                },
+                |c| format!("{:.0} %", 100.0 * c)
+            ),
             s.said["seconds"].as_f64().unwrap_or(f64::NAN)
         );
     }

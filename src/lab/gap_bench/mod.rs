@@ -50,6 +50,8 @@ pub struct Options {
     pub limit_s: f64,
     /// Length of the sessions, s.
     pub seconds: f64,
+    /// Noise beyond that of the sensors, per cent of what each channel moves by.
+    pub noise_percent: f64,
     /// Program that finds; this program without it.
     pub finder: Option<PathBuf>,
     /// Look for laws instead of naming effects, and prove them on a third session.
@@ -129,6 +131,7 @@ pub fn run(
         },
         seconds: a.seconds,
         robot: robot.hash.clone(),
+        noise_percent: a.noise_percent,
     };
     let mut planned = suite.cases();
     anyhow::ensure!(
@@ -153,6 +156,7 @@ pub fn run(
         program: &program,
         robot_file: robot_file.as_deref(),
         seconds: a.seconds,
+        noise_percent: a.noise_percent,
         proof: a.discover,
     };
     let cores = std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
@@ -340,8 +344,15 @@ fn head(suite: &Suite, finder: &str, not_made: usize) -> String {
         0 => String::new(),
         n => format!(" {n} more cases could not be made: the arm cannot hold what they hide."),
     };
+    let noise = match suite.noise_percent > 0.0 {
+        true => format!(
+            ", {} % of what each channel moves by as noise beyond that of its sensor",
+            suite.noise_percent
+        ),
+        false => String::new(),
+    };
     format!(
-        "Seeds {} to {last}, {} s sessions, springtwin {}, finder {}.{left_out}",
+        "Seeds {} to {last}, {} s sessions{noise}, springtwin {}, finder {}.{left_out}",
         suite.first_seed,
         suite.seconds,
         env!("CARGO_PKG_VERSION"),
@@ -369,6 +380,7 @@ fn written(
     json["first_seed"] = json!(suite.first_seed);
     json["seeds"] = json!(suite.seeds);
     json["seconds"] = json!(suite.seconds);
+    json["extra_noise_percent"] = json!(suite.noise_percent);
     json["version"] = json!(env!("CARGO_PKG_VERSION"));
     json["finder"] = json!(finder);
     json["robot"] = json!(suite.robot);

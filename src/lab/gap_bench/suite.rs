@@ -98,6 +98,8 @@ pub struct Suite {
     pub seconds: f64,
     /// Hash of the robot file.
     pub robot: String,
+    /// Noise beyond that of the sensors, per cent of what each channel moves by.
+    pub noise_percent: f64,
 }
 
 /// A case to be made and solved.
@@ -130,6 +132,7 @@ impl Suite {
             ("seeds", self.seeds.to_string()),
             ("only", parts.join(",")),
             ("seconds", self.seconds.to_string()),
+            ("extra-noise", self.noise_percent.to_string()),
         ]
         .map(|(name, value)| (name.to_owned(), value))
         .into()
@@ -144,6 +147,7 @@ impl Suite {
             parts: parts.map(Part::from_name).collect::<Option<_>>()?,
             seconds: shard.option("seconds").parse().ok()?,
             robot: shard.option("robot").to_owned(),
+            noise_percent: shard.option("extra-noise").parse().ok()?,
         })
     }
 
@@ -220,9 +224,12 @@ impl Suite {
         let case_seed = sample_rng(seed, 0xbe00 + slot).random();
         let version = env!("CARGO_PKG_VERSION");
         let (seconds, robot) = (self.seconds, &self.robot);
-        let all = format!(
+        let mut all = format!(
             "{EDITION} {version} {robot} {seconds} {case_seed} {about:?} {strength} {effects:?} {without:?}"
         );
+        if self.noise_percent > 0.0 {
+            all += &format!(" {}", self.noise_percent);
+        }
         Planned {
             name: hex(&Sha256::digest(all)[..6]),
             part,
@@ -252,6 +259,7 @@ mod tests {
             parts: parts.to_vec(),
             seconds: 90.0,
             robot: "r".to_owned(),
+            noise_percent: 0.0,
         };
         suite.cases()
     }

@@ -24,7 +24,7 @@ pub use effect::{
     BehindGauge, Call, Effect, Inexact, Law, Line, Operator, Parameter, Plant, Posture, Reach,
     Reaction, Residual, Scene, Start,
 };
-pub use operators::limited;
+pub use operators::{lagged_ramps, limited};
 pub(super) use run::built_in;
 pub use run::{OnTheWay, arm_only, behind_gauges, gauges, go_on, read, simulate};
 pub use table::EFFECTS;

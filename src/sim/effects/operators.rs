@@ -31,7 +31,7 @@ fn lagged(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
 }
 
 /// The same of a series that runs straight between instants: what was measured, not commanded.
-pub(super) fn lagged_ramps(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
+pub fn lagged_ramps(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
     let mut y = x.to_vec();
     for k in 1..x.len() {
         y[k] = follow(t_s[k] - t_s[k - 1], [x[k - 1], x[k]], y[k - 1], tau_s);

@@ -13,9 +13,21 @@ pub enum Acts {
     Replay,
 }
 
+/// Effects and terms of laws that are a constant gain, offset or turn of a sensor.
+const AT_SENSORS: [&str; 5] = [
+    "spring-calibration",
+    "spring-constant",
+    "spring-length",
+    "imu-misalignment",
+    "imu-constant",
+];
+
 impl Acts {
     /// Scope of an effect that is part of a patch.
     pub fn of(effect: &Effect) -> Self {
+        if AT_SENSORS.contains(&effect.id) {
+            return Self::Sensors;
+        }
         if let Some(term) = term(effect.id) {
             return match term.instant {
                 true => Self::Arm,
@@ -28,7 +40,6 @@ impl Acts {
                 Self::Replay
             }
             (Operator::Mechanics(_), _) => Self::Arm,
-            (_, "spring-calibration" | "imu-misalignment") => Self::Sensors,
             _ => Self::Replay,
         }
     }

@@ -138,26 +138,39 @@ impl SensorErrors {
     /// Those of a robot's patches.
     pub fn of(robot: &RobotSpec) -> Self {
         let correction = Correction::known(robot);
+        let mut all = readings(robot, &correction.values);
+        all.extend(correction.effects);
+        Self::acting(robot, &all)
+    }
+
+    /// Those that its patches name as effects, without the calibration parameters of the rig in order: what networks that have
+    /// learned that rig from samples of it do not know.
+    pub fn of_effects(robot: &RobotSpec) -> Self {
+        Self::acting(robot, &Correction::known(robot).effects)
+    }
+
+    fn acting(robot: &RobotSpec, all: &[Active]) -> Self {
         let mut out = Self {
             spring: [[1.0, 0.0]; SPRINGS],
             imu: [UnitQuaternion::identity(); IMUS],
         };
-        let mut all = readings(robot, &correction.values);
-        all.extend(correction.effects);
         for a in all {
             let hits = |i: usize| a.target.is_none_or(|t| t == i);
-            match a.effect.id {
-                "spring-calibration" => {
-                    for [gain, offset_m] in (0..SPRINGS)
-                        .zip(&mut out.spring)
-                        .filter(|(i, _)| hits(*i))
-                        .map(|(_, s)| s)
-                    {
-                        *gain *= a.values[0];
-                        *offset_m = a.values[0] * *offset_m + a.values[1];
-                    }
+            let line = match a.effect.id {
+                "spring-calibration" => Some([a.values[0], a.values[1]]),
+                "spring-constant" => Some([1.0, a.values[0]]),
+                "spring-length" => Some([1.0 + a.values[0], -a.values[0] * robot.rest_length_m]),
+                _ => None,
+            };
+            if let Some([more, by_m]) = line {
+                let all = out.spring.iter_mut().enumerate();
+                for (_, [gain, offset_m]) in all.filter(|(i, _)| hits(*i)) {
+                    *gain *= more;
+                    *offset_m = more * *offset_m + by_m;
                 }
-                "imu-misalignment" => {
+            }
+            match a.effect.id {
+                "imu-misalignment" | "imu-constant" => {
                     let off =
                         UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(&a.values));
                     for i in (0..IMUS).filter(|i| hits(*i)) {

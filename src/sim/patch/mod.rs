@@ -5,8 +5,8 @@
 //!
 //! | part of a patch | acts in |
 //! |---|---|
-//! | stiffness, area, rest length, hardening, bending, torsion, gripper mass, base tilt, spring ends; `chamber-stiffness`, `stiffening`, `payload`, `com-offset`, `base-tilt`, `tip-force`, `torsion` | every [`Model`](super::Model): twin, datasets, virtual rig, replay |
-//! | spring gain and offset, IMU mounting; `spring-calibration`, `imu-misalignment` | the calibration of the sensing, the sensors of the virtual rig, replay ([`SensorErrors`]) |
+//! | stiffness, area, rest length, hardening, bending, torsion, gripper mass, base tilt, spring ends; `chamber-stiffness`, `stiffening`, `payload`, `com-offset`, `base-tilt`, `tip-force`, `torsion` | every [`Model`](super::Model): twin, datasets, replay |
+//! | spring gain and offset, IMU mounting; `spring-calibration`, `imu-misalignment`, and laws that are a constant gain, offset or turn | the calibration of the sensing, replay ([`SensorErrors`]); where networks have learned the rig from samples of it, only the effects act in the sensing |
 //! | damping, friction, creep, lag behind the gauges, drift of the IMUs, motion capture's frame, clock and body; every other effect | replay alone: they need a history, or motion capture |
 //!
 //! **Stacking.** A calibration parameter of a patch departs from the robot that the patch was made for: it adds to the

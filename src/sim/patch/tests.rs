@@ -4,7 +4,7 @@ use nalgebra::UnitQuaternion;
 
 use super::*;
 use crate::robot::{
-    PATCH_VERSION, Patch, PatchEffect, PatchValue, REFERENCE, RobotSpec, with_patch,
+    PATCH_VERSION, Patch, PatchEffect, PatchLaw, PatchValue, REFERENCE, RobotSpec, with_patch,
 };
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 use crate::sim::effects::{self, Active, EFFECTS, Trajectory, simulate};
@@ -12,8 +12,24 @@ use crate::sim::{Inputs, Model, State, observe, settle};
 
 const CHAMBER_PA: [f64; CHAMBERS] = [25e3, -10e3, 4e3, -20e3, 15e3, 8e3];
 
+/// Terms of the library stand in it as laws.
 fn patch(robot: &str, rig: &[(&str, f64)], effects: &[(&str, Option<usize>, &[f64])]) -> Patch {
-    Patch {
+    let params = |id: &str, values: &[f64]| {
+        let names = effects::effect_or_term(id)
+            .expect("known")
+            .parameters
+            .iter();
+        let value = |(p, v): (&effects::Parameter, &f64)| {
+            let value = PatchValue {
+                value: *v,
+                unit: p.unit.to_owned(),
+                ci95: None,
+            };
+            (p.name.to_owned(), value)
+        };
+        names.zip(values).map(value).collect()
+    };
+    let mut out = Patch {
         law: Vec::new(),
         version: PATCH_VERSION,
         name: "a rig".to_owned(),
@@ -22,28 +38,24 @@ fn patch(robot: &str, rig: &[(&str, f64)], effects: &[(&str, Option<usize>, &[f6
         data: BTreeMap::new(),
         rig: rig.iter().map(|(k, v)| ((*k).to_owned(), *v)).collect(),
         floor: BTreeMap::new(),
-        effects: effects
-            .iter()
-            .map(|(id, target, values)| {
-                let names = effects::effect(id).expect("known").parameters.iter();
-                PatchEffect {
-                    id: (*id).to_owned(),
-                    target: *target,
-                    params: names
-                        .zip(*values)
-                        .map(|(p, v)| {
-                            let value = PatchValue {
-                                value: *v,
-                                unit: p.unit.to_owned(),
-                                ci95: None,
-                            };
-                            (p.name.to_owned(), value)
-                        })
-                        .collect(),
-                }
-            })
-            .collect(),
+        effects: Vec::new(),
+    };
+    for (id, target, values) in effects {
+        match effects::term(id) {
+            Some(_) => out.law.push(PatchLaw {
+                term: (*id).to_owned(),
+                equation: String::new(),
+                target: *target,
+                params: params(id, values),
+            }),
+            None => out.effects.push(PatchEffect {
+                id: (*id).to_owned(),
+                target: *target,
+                params: params(id, values),
+            }),
+        }
     }
+    out
 }
 
 fn put_on(text: &str, patch: &Patch) -> RobotSpec {
@@ -237,9 +249,12 @@ fn sensor_errors_are_those_of_the_readings() {
         ("imu-2-x", 0.02),
         ("imu-2-z", -0.01),
     ];
-    let effects: [(&str, Option<usize>, &[f64]); 2] = [
+    let effects: [(&str, Option<usize>, &[f64]); 5] = [
         ("spring-calibration", Some(3), &[1.05, -1e-3]),
         ("imu-misalignment", Some(2), &[0.0, 0.05, 0.0]),
+        ("spring-constant", Some(5), &[2e-3]),
+        ("spring-length", Some(6), &[0.04]),
+        ("imu-constant", Some(3), &[0.0, 0.0, 0.02]),
     ];
     let patched = put_on(REFERENCE, &patch(&base.hash, &rig, &effects));
     let correction = Correction::of(&patched).expect("known");
@@ -258,6 +273,11 @@ fn sensor_errors_are_those_of_the_readings() {
         assert!((read_m[i] - run.sensors[0].spring_m[i]).abs() < 1e-12);
     }
     assert!((read_m[2] - clean.spring_m[2]).abs() > 1e-3);
+    // Networks that know the rig are given the effects alone.
+    let effects = SensorErrors::of_effects(&patched);
+    assert_eq!(effects.spring[2], [1.05, -1e-3]);
+    assert_eq!(effects.spring[0], [1.0, 0.0]);
+    assert!((effects.imu[1].angle() - 0.05).abs() < 1e-12);
     for i in 0..IMUS {
         let pad = UnitQuaternion::from(clean.base_from_imu_pad(i));
         let read = UnitQuaternion::from(run.sensors[0].base_from_imu_pad(i));

@@ -8,7 +8,6 @@ use crate::link::Order;
 use crate::sensing::Calibration;
 use crate::signal::Gripper;
 use crate::twin::command::{Command, Event};
-use crate::twin::maps::sensing_for;
 
 const NOTHING_TO_RESUME: &str = "There is nothing to resume: pick a target first.";
 
@@ -156,7 +155,7 @@ impl Twin {
                 events,
             );
         }
-        self.sensing = sensing_for(&self.robot, calibration);
+        self.sensing = self.maps.sensing(&self.robot, calibration);
         self.arming.note(calibration);
         if matches!(self.phase, Phase::Hold) && !self.link.practice {
             events.push(Event::Notice {

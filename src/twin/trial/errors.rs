@@ -9,7 +9,7 @@ use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::registration::Frames;
 use crate::signal::{ChannelHealth, IMUS, Pose, RawFrame, SPRINGS, Stamp, pose_between};
-use crate::twin::maps::{Maps, sensing_for};
+use crate::twin::maps::Maps;
 
 /// The filters settle for so long first, s.
 pub const TRIAL_SETTLING_S: f64 = 10.0;
@@ -86,7 +86,7 @@ impl Trial {
         frames: Option<&Frames>,
         go_on: &mut dyn FnMut(f32) -> bool,
     ) -> Option<TrialErrors> {
-        let mut sensing = sensing_for(robot, calibration);
+        let mut sensing = maps.sensing(robot, calibration);
         let pose_map = Arc::clone(&maps.pose);
         let (mut position_m, mut rotation_rad) = (Vec::new(), Vec::new());
         let mut disagreement_rad = Vec::new();

@@ -12,7 +12,7 @@ use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::registration::{FitOptions, Frames, ObjectFrame, PosePair, register};
 use crate::signal::{Pose, Stamp};
-use crate::twin::maps::{Maps, sensing_for};
+use crate::twin::maps::Maps;
 
 /// A pause longer than this lets the filters settle again, s.
 const PAUSE_S: f64 = 0.5;
@@ -48,7 +48,7 @@ impl RestPoses {
         calibration: &Calibration,
         go_on: &mut dyn FnMut(f32) -> bool,
     ) -> Option<Vec<PosePair>> {
-        let mut sensing = sensing_for(robot, calibration);
+        let mut sensing = maps.sensing(robot, calibration);
         let pose_map = Arc::clone(&maps.pose);
         let mut seen: Vec<Vec<Pose>> = vec![Vec::new(); self.rests.len()];
         let (mut since, mut last) = (Stamp::ZERO, None);
