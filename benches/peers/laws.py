@@ -179,19 +179,20 @@ def peer(kind, names, fitted, proof, seconds):
         mean, scale = cx.mean(0), cx.std(0)
         scale[scale == 0] = 1.0
         scaled = (cx - mean) / scale
-        # The last quarter is not fitted: it decides whether there is a law, and in which bellows.
-        cut = 3 * len(cy) // 4
-        model = kind().fit(scaled[:cut], cy[:cut], seconds / 4)
-        left = np.mean((cy[cut:] - model.predict(scaled[cut:])) ** 2)
-        everywhere = np.sum(chosen[3 * len(y) // 4 :]) / np.sum(np.arange(len(y)) >= 3 * len(y) // 4)
-        explained = everywhere * (np.mean(cy[cut:] ** 2) - left)
-        share = 1 - left / np.mean(cy[cut:] ** 2)
+        # Twelve blocks in turn: each half is predicted by what the other was fitted to.
+        half = np.arange(len(cy)) * 12 // len(cy) % 2 == 0
+        left = 0.0
+        for held in (half, ~half):
+            model = kind().fit(scaled[~held], cy[~held], seconds / 8)
+            left += np.sum((cy[held] - model.predict(scaled[held])) ** 2) / len(cy)
+        square = np.mean(cy**2)
+        explained = np.sum(chosen) * (square - left)
         if best is None or explained > best[0]:
-            best = (explained, share, chosen.all(), mean, scale)
+            best = (explained, 1 - left / square, chosen.all(), mean, scale)
     _, share, all_of_them, mean, scale = best
     chosen = np.ones_like(bellows, bool) if all_of_them else bellows == one
     model = kind().fit((x[chosen] - mean) / scale, y[chosen], seconds / 2)
-    law = share > PAYS
+    law = bool(share > PAYS)
     after = py.copy()
     there = np.ones_like(p_bellows, bool) if all_of_them else p_bellows == one
     after[there] -= model.predict((px[there] - mean) / scale)

@@ -532,7 +532,7 @@ mod tests {
 
     fn answerer(yes: bool) -> Answerer {
         let robot = RobotSpec::reference();
-        let maps = model::maps_for(&robot, DEFAULT_RIG).expect("the shipped networks load");
+        let maps = model::maps_for(&robot, DEFAULT_RIG, None).expect("the shipped networks load");
         Arc::new(move |ask| match ask {
             Ask::Springs(request) => {
                 let log = bench::draw(&robot, Unit::default(), &request);

@@ -66,6 +66,9 @@ pub struct InstrumentArgs {
     /// without it
     #[arg(long, value_name = "F.toml")]
     calibration: Option<PathBuf>,
+    /// Networks from `train`; those that ship for such a rig without it
+    #[arg(long, value_name = "F.safetensors")]
+    networks: Option<PathBuf>,
     /// Let hardware be armed although only the virtual rig's calibration is in use: lengths and pose are then wrong
     #[arg(long)]
     accept_virtual_calibration: bool,
@@ -99,6 +102,7 @@ impl InstrumentArgs {
             mocap_listen: self.listen,
             mocap_from: self.from.clone(),
             registration: self.registration.clone(),
+            networks: self.networks.clone(),
         }
     }
 }

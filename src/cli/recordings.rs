@@ -303,10 +303,7 @@ pub fn reprocess_command(a: &ReprocessArgs, robot: &RobotSpec) -> Result<Report>
         a.recording.display(),
         old.robot
     );
-    let maps = match &a.networks {
-        Some(path) => model::maps(Some(path))?,
-        None => model::maps_for(robot, &rig_of(&old))?,
-    };
+    let maps = model::maps_for(robot, &rig_of(&old), a.networks.as_deref())?;
     let means = Means {
         robot,
         maps: &maps,

@@ -86,7 +86,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         rig: rig.to_owned(),
         robot: robot.clone(),
         robot_file: robot_file.map(Path::to_owned),
-        maps: model::maps_for(robot, rig)?,
+        maps: model::maps_for(robot, rig, a.instruments.networks.as_deref())?,
         options: a.options.clone(),
         kind: a.kind,
         instruments: a.instruments.clone(),

@@ -156,7 +156,7 @@ impl<'a> TwinBuilder<'a> {
         let robot = self.robot;
         let maps = match self.maps {
             Some(maps) => maps,
-            None => model::maps_for(robot, self.rig)?,
+            None => model::maps_for(robot, self.rig, self.instruments.networks.as_deref())?,
         };
         let sensing = match &self.calibration {
             Some(calibration) => maps.sensing(robot, calibration),

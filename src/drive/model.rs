@@ -54,21 +54,44 @@ pub fn trained_for_another(model: &Model, robot: &RobotSpec) -> Option<&'static 
     }
 }
 
-/// The shipped maps for a twin of `robot` on the rig that `rig` names: on the virtual rig those that its unit 1 was
-/// calibrated with, on another one those that were trained on simulation alone. Logs a warning where they were trained
-/// for another robot.
+/// The maps for a twin of `robot` on the rig that `rig` names: those in `networks`, else the shipped ones, on the virtual rig
+/// those that its unit 1 was calibrated with, on another one those that were trained on simulation alone. Logs a warning where
+/// they were trained for another robot.
 ///
 /// # Errors
-/// When the built-in networks do not load.
-pub fn maps_for(robot: &RobotSpec, rig: &str) -> Result<Maps> {
-    let model = match is_virtual(rig) {
-        true => Model::from_bytes(UNIT_MODEL).context("the built-in networks do not load")?,
-        false => model(None)?,
+/// When the networks do not load, or those of a file were trained for another robot.
+pub fn maps_for(robot: &RobotSpec, rig: &str, networks: Option<&Path>) -> Result<Maps> {
+    let model = match (networks, is_virtual(rig)) {
+        (Some(file), _) => own_model(robot, file)?,
+        (None, true) => {
+            Model::from_bytes(UNIT_MODEL).context("the built-in networks do not load")?
+        }
+        (None, false) => model(None)?,
     };
     if let Some(notice) = trained_for_another(&model, robot) {
         log::warn!("{notice}");
     }
     Ok(model.into())
+}
+
+/// The networks in a file, which must be of `robot`, with its patches or without them.
+fn own_model(robot: &RobotSpec, file: &Path) -> Result<Model> {
+    let model = model(Some(file))?;
+    let trained_for = &model.scores.smap.data.robot_hash;
+    anyhow::ensure!(
+        [&robot.hash, &robot.base_hash].contains(&trained_for),
+        "{} holds networks of another robot ({}, this one is {}): name its robot file with --robot, or train networks for this \
+         one with `springtwin dataset generate` and `springtwin train`",
+        file.display(),
+        short(trained_for),
+        short(&robot.hash)
+    );
+    Ok(model)
+}
+
+/// The start of a hash.
+fn short(hash: &str) -> &str {
+    hash.get(..8).unwrap_or(hash)
 }
 
 /// The maps of the shipped model, or of the one in a file.
@@ -110,4 +133,32 @@ pub fn calibration(path: Option<&Path>) -> Result<Calibration> {
 /// When the calibration's file cannot be read or holds something else.
 pub fn sensing(robot: &RobotSpec, path: Option<&Path>) -> Result<Sensing> {
     Ok(sensing_for(robot, &calibration(path)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::drive::DEFAULT_RIG;
+    use crate::robot::REFERENCE;
+
+    #[test]
+    fn networks_of_a_file_are_taken_and_those_of_another_robot_refused() {
+        let file = std::env::temp_dir().join(format!("springtwin-nets-{}", std::process::id()));
+        std::fs::write(&file, MODEL).expect("writes");
+        let robot = RobotSpec::reference();
+        let own = maps_for(&robot, DEFAULT_RIG, Some(&file)).expect("its own");
+        // On the virtual rig others are shipped.
+        let shipped = maps_for(&robot, DEFAULT_RIG, None).expect("shipped");
+        assert_ne!(own.networks, shipped.networks);
+        assert!(!own.know_sensors && shipped.know_sensors);
+        let longer = REFERENCE.replace("rest_length_mm = 145.0", "rest_length_mm = 146.0");
+        let other = RobotSpec::from_toml(&longer).expect("reads");
+        let refused = maps_for(&other, DEFAULT_RIG, Some(&file)).err();
+        let text = refused.expect("another robot").to_string();
+        assert!(
+            text.contains(&file.display().to_string()) && text.contains("another robot"),
+            "{text}"
+        );
+        std::fs::remove_file(&file).expect("removes");
+    }
 }

@@ -43,6 +43,8 @@ pub struct Instruments {
     pub mocap_listen: Option<SocketAddr>,
     /// The only senders it is taken from; this computer where there are none.
     pub mocap_from: Vec<IpAddr>,
+    /// File of networks; those that ship for such a rig without it.
+    pub networks: Option<PathBuf>,
     /// File with the place of motion capture's world and object on the robot; without it the object is `end_pad` in
     /// the robot's base.
     pub registration: Option<PathBuf>,

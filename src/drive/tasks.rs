@@ -128,7 +128,7 @@ mod tests {
     #[test]
     fn the_shipped_tasks_fit_the_reference_robot() {
         let robot = RobotSpec::reference();
-        let maps = model::maps_for(&robot, DEFAULT_RIG).expect("built in");
+        let maps = model::maps_for(&robot, DEFAULT_RIG, None).expect("built in");
         let paths = [Shape::Circle, Shape::Eight].map(|s| {
             let path = s.path(PATH_CENTRE_M, PATH_SIZE_M, PATH_WAYPOINTS);
             let follow = Follow {

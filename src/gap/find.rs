@@ -129,7 +129,7 @@ impl Search<'_> {
         progress.at(Stage::Locate, 0.0)?;
         let located = super::locate::locate(&replayed)?;
         let supply = healthy.and_then(|h| h.supply.as_ref());
-        let supply = supply_of(robot, supply, suspects, table, progress)?;
+        let supply = supply_of(robot, supply, (suspects, &options.prove), table, progress)?;
         let all = admitted(table, &replayed.present());
         progress.at(Stage::Explain, 0.0)?;
         let ready = columns(&problem, &all, &scene(suspects), &[], begins)?;

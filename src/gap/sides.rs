@@ -2,20 +2,21 @@
 //! constrains the second.
 
 use super::actuation::{
-    Lag, LineBaseline, PressureGrid, PressureLog, decide_supply, supply_stages,
+    Lag, LineBaseline, PressureGrid, PressureLog, Stages, decide_supply, prove_supply,
+    supply_stages,
 };
 use super::candidates::{Candidate, Table};
-use super::finding::{Finding, FoundEffect, Verdict};
+use super::finding::{Confirmed, Finding, FoundEffect, GapSize, Verdict, closed};
 use super::session::Grid;
 use super::{GapError, Progress};
 use crate::robot::RobotSpec;
 
 /// Finding on the path from command to gauge, when the commands were logged: against the supply in order, of the suspect
-/// sessions that with the largest error in units of its floor.
+/// sessions that with the largest error in units of its floor. What it names is tested on the sessions of `prove`.
 pub fn supply(
     robot: &RobotSpec,
     baseline: Option<&LineBaseline>,
-    suspects: &[&Grid],
+    (suspects, prove): (&[&Grid], &[Grid]),
     table: Table<'_>,
     progress: &dyn Progress,
 ) -> Result<Option<Finding>, GapError> {
@@ -28,13 +29,55 @@ pub fn supply(
     let mut worst: Option<Finding> = None;
     for s in &suspects {
         let stages = supply_stages(robot, s, baseline, Lag::BehindGauge, table, progress)?;
-        let next = decide_supply(robot, s, baseline, Lag::BehindGauge, &stages)?;
+        let mut next = decide_supply(robot, s, baseline, Lag::BehindGauge, &stages)?;
+        if next.verdict.has_effects() {
+            next.proof = confirmed(robot, baseline, &stages, (prove, next.gap.floor))?;
+        }
         let size = |f: &Finding| f.gap.before / f.gap.floor;
         if worst.as_ref().is_none_or(|f| size(&next) > size(f)) {
             worst = Some(next);
         }
     }
     Ok(worst)
+}
+
+/// What the effects do in sessions that had no part in finding them; `None` where none of them has commands.
+fn confirmed(
+    robot: &RobotSpec,
+    baseline: &LineBaseline,
+    found: &Stages,
+    (prove, floor_kpa): (&[Grid], f64),
+) -> Result<Option<Confirmed>, GapError> {
+    let mut sessions = Vec::new();
+    let mut squares = [0.0; 2];
+    for log in prove.iter().filter_map(|g| PressureLog::of(&g.session)) {
+        let grid = PressureGrid::new(log)?;
+        let proof = prove_supply(robot, &grid, baseline, Lag::BehindGauge, found)?;
+        for (sum, pa) in squares
+            .iter_mut()
+            .zip([proof.rmse_before_pa, proof.rmse_after_pa])
+        {
+            *sum += pa * pa;
+        }
+        sessions.push(proof.session);
+    }
+    let mean_kpa = |square: f64| (square / sessions.len() as f64).sqrt() / 1e3;
+    let [before, after] = squares.map(mean_kpa);
+    let gap = GapSize {
+        before,
+        after,
+        floor: floor_kpa,
+        closed: closed(before, after, floor_kpa),
+        unit: "kPa".to_owned(),
+    };
+    Ok((!sessions.is_empty()).then(|| Confirmed {
+        sessions,
+        before_mm: None,
+        after_mm: None,
+        closed: gap.closed,
+        gap,
+        channels: Vec::new(),
+    }))
 }
 
 /// Whether the way from command to gauge has already named it.
@@ -74,6 +117,7 @@ pub fn add_supply(arm: &mut Finding, supply: Finding) -> Vec<FoundEffect> {
         }
     }
     arm.worse.extend(supply.worse);
+    arm.proof = arm.proof.take().or(supply.proof);
     if quiet {
         arm.verdict = supply.verdict;
         arm.gap = supply.gap;

@@ -154,7 +154,7 @@ mod tests {
     fn computed(input: &Path, name: &str, calibration: Option<String>) -> std::path::PathBuf {
         let out = temp(name);
         let robot = RobotSpec::reference();
-        let maps = model::maps_for(&robot, DEFAULT_RIG).expect("networks");
+        let maps = model::maps_for(&robot, DEFAULT_RIG, None).expect("networks");
         let means = Means {
             robot: &robot,
             maps: &maps,

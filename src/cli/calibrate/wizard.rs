@@ -105,7 +105,7 @@ pub fn wizard(
     let instruments = instruments(a, store.as_ref(), simulated);
     let registration = instruments.registration()?;
     let in_use = Arc::new(model::calibration(instruments.calibration.as_deref())?);
-    let maps = model::maps_for(robot, &a.rig)?;
+    let maps = model::maps_for(robot, &a.rig, instruments.networks.as_deref())?;
     let options = Options {
         keep: a.keep.iter().map(|k| k.step()).collect(),
         attempts: a.attempts,

@@ -502,12 +502,15 @@ pub struct ReachArgs {
     /// Mass in the gripper, kg
     #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
     payload: f64,
+    /// Networks from `train`; the virtual rig's without it
+    #[arg(long, value_name = "F.safetensors")]
+    networks: Option<PathBuf>,
 }
 
 /// `reach`.
 pub fn reach_command(a: &ReachArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
-    let maps = model::maps_for(robot, DEFAULT_RIG)?;
+    let maps = model::maps_for(robot, DEFAULT_RIG, a.networks.as_deref())?;
     let goal = goal(a.target, a.direction);
     // What the robot's patches hang on the gripper is carried too, as far as the plant knows such loads.
     let carried_kg = springtwin::sim::Model::nominal(robot).carried_kg(a.payload);

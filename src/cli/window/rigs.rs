@@ -86,7 +86,7 @@ impl Rigs {
     fn maps(&self, rig: &str) -> Result<Maps> {
         match is_virtual(rig) == is_virtual(&self.rig) {
             true => Ok(self.maps.clone()),
-            false => model::maps_for(&self.robot, rig),
+            false => model::maps_for(&self.robot, rig, None),
         }
     }
 
@@ -277,7 +277,7 @@ mod tests {
         store.save(saved("second"), "2026-03-02").expect("saves");
         let mut rigs = Rigs {
             rig: "sim".into(),
-            maps: model::maps_for(&robot, DEFAULT_RIG).expect("the shipped networks load"),
+            maps: model::maps_for(&robot, DEFAULT_RIG, None).expect("the shipped networks load"),
             robot,
             robot_file: None,
             options: rig_options(0.0, 1),
@@ -320,7 +320,7 @@ mod tests {
         std::fs::write(&list, "format = 9\n").expect("writes");
         let mut rigs = Rigs {
             rig: "/dev/ttyUSB0".into(),
-            maps: model::maps_for(&robot, DEFAULT_RIG).expect("the shipped networks load"),
+            maps: model::maps_for(&robot, DEFAULT_RIG, None).expect("the shipped networks load"),
             robot,
             robot_file: None,
             options: rig_options(0.0, 1),
@@ -354,7 +354,7 @@ mod tests {
         let robot = RobotSpec::reference();
         let rigs = Rigs {
             rig: "sim".to_owned(),
-            maps: model::maps_for(&robot, DEFAULT_RIG).expect("the networks"),
+            maps: model::maps_for(&robot, DEFAULT_RIG, None).expect("the networks"),
             robot,
             robot_file: None,
             options: rig_options(0.15, 1),

@@ -116,7 +116,7 @@ pub fn screenshot(
         args::pressures_in_range(robot, pressures)?;
     }
     a.overwrite.file(&a.out)?;
-    let maps = model::maps_for(robot, DEFAULT_RIG)?;
+    let maps = model::maps_for(robot, DEFAULT_RIG, None)?;
     let reachable = hull(&maps);
     // Screens of live values wait for a twin.
     let connecting = a.state == StateName::Loading

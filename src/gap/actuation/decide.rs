@@ -80,7 +80,7 @@ pub fn actuation_only(
     progress.at(Stage::Prove, 0.0)?;
     let proof = proof
         .iter()
-        .map(|grid| prove_supply(robot, grid, &baseline, &found))
+        .map(|grid| prove_supply(robot, grid, &baseline, Lag::BeforeGauge, &found))
         .collect::<Result<_, _>>()?;
     Ok(Actuation {
         finding,
@@ -98,6 +98,7 @@ pub fn prove_supply(
     robot: &RobotSpec,
     grid: &PressureGrid,
     baseline: &LineBaseline,
+    lag: Lag,
     found: &Stages,
 ) -> Result<Proof, GapError> {
     let error = |base: &LineBaseline, set: Option<&EffectSet>| -> Result<f64, GapError> {
@@ -106,7 +107,7 @@ pub fn prove_supply(
             robot,
             grid,
             baseline: base.clone(),
-            lag: Lag::BeforeGauge,
+            lag,
             seen: None,
         };
         model.refit_gauges(&effects)?;

@@ -248,7 +248,7 @@ mod tests {
         let trial = trial(ControllerKind::NullSpaceQp, d, (Unit::default(), 7));
         let (calibration, maps) = (
             Calibration::virtual_rig(),
-            model::maps_for(&robot, DEFAULT_RIG),
+            model::maps_for(&robot, DEFAULT_RIG, None),
         );
         let maps = maps.expect("built in");
         let out = run(&robot, &calibration, &maps, trial).expect("runs");
