@@ -244,6 +244,19 @@ pub fn hides_in_virtual(hide: &[Hidden], rig: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// A span of a session's own clock, s.
+pub fn window(text: &str) -> Result<[f64; 2], String> {
+    let ends = text.split_once(':').and_then(|(from, to)| {
+        let [from, to]: [f64; 2] = [from.trim().parse().ok()?, to.trim().parse().ok()?];
+        (from < to && from.is_finite() && to.is_finite()).then_some([from, to])
+    });
+    ends.ok_or_else(|| {
+        format!(
+            "'{text}' is no window: give two times in seconds, the earlier one first, such as 22:29"
+        )
+    })
+}
+
 /// A factor on the arm's stiffness.
 pub fn stiffness(text: &str) -> Result<f64, String> {
     within(text, 0.3..=3.0, "stiffness")

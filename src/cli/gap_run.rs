@@ -6,8 +6,8 @@ use std::time::Instant;
 use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::Report;
 use super::outputs::Overwrite;
+use super::{Report, args};
 use springtwin::gap::{
     self, Finding, FoundEffect, GapError, GapSize, Grid, Options, PressureGrid, PressureUnit,
     Progress, Stage, Verdict,
@@ -15,6 +15,7 @@ use springtwin::gap::{
 use springtwin::lab::gap_files::{
     Known, excitations, read_grids, read_known, sessions_among, write_all,
 };
+use springtwin::lab::rests::read_rests;
 use springtwin::lab::{actuation, provenance};
 use springtwin::robot::RobotSpec;
 use springtwin::sim::effects::{self, Effect};
@@ -45,6 +46,13 @@ pub struct RunArgs {
     /// Effects to leave out of the table
     #[arg(long, value_name = "ID")]
     without: Vec<String>,
+    /// Compare the arm at rest: the mean of this steady window of every session, in seconds of its own clock; also reads 38-column
+    /// logs of the ASU arm
+    #[arg(long, value_name = "FROM:TO", value_parser = args::window, conflicts_with = "actuation_only")]
+    window: Option<[f64; 2]>,
+    /// The window of the healthy sessions, where it is another one
+    #[arg(long, value_name = "FROM:TO", value_parser = args::window, requires = "window")]
+    baseline_window: Option<[f64; 2]>,
     /// Seed of the chance sessions behind the threshold
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -58,9 +66,10 @@ pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
     if let Some(out) = &a.out {
         a.overwrite.files(out, &FOUND)?;
     }
-    match a.actuation_only {
-        true => actuation(a, robot),
-        false => find(robot, a),
+    match a.window {
+        Some(window) => at_rest(robot, a, window),
+        None if a.actuation_only => actuation(a, robot),
+        None => find(robot, a),
     }
 }
 
@@ -161,6 +170,42 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     Ok(Report {
         text: finding_text(&found.finding),
         json,
+    })
+}
+
+/// Finds what is missing between rests of the arm.
+fn at_rest(robot: &RobotSpec, a: &RunArgs, window: [f64; 2]) -> Result<Report> {
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "wall time of the run, for the report"
+    )]
+    let start = Instant::now();
+    let healthy_window = a.baseline_window.unwrap_or(window);
+    let baseline = read_rests(robot, &a.baseline, healthy_window)?;
+    let suspects = read_rests(robot, &a.session, window)?;
+    let prove = read_rests(robot, &a.prove, window)?;
+    let table = table(&a.without)?;
+    let mut found = gap::find_at_rest(robot, &table, &baseline, (&suspects, &prove), &Logged)?;
+    found.finding.seconds = start.elapsed().as_secs_f64();
+    if let Some(dir) = &a.out {
+        write_all(dir, &found, &found.patch, a.simulated)?;
+    }
+    let errors = found.finding.channels.iter().map(|c| {
+        let floor = c
+            .floor
+            .map_or(String::new(), |f| format!(", healthy {f:.2}"));
+        format!(
+            "  {}: {:.2} -> {:.2} {}{floor}",
+            c.name.trim_start_matches("r2 "),
+            c.before,
+            c.after,
+            c.unit
+        )
+    });
+    let errors: Vec<String> = errors.collect();
+    Ok(Report {
+        text: format!("{}\n{}", finding_text(&found.finding), errors.join("\n")),
+        json: serde_json::to_value(&found.finding)?,
     })
 }
 

@@ -133,10 +133,10 @@ const SATURATED_PA: f64 = 50.0;
 impl Controller {
     /// A controller for `robot` that holds until it is given a goal.
     pub fn new(robot: &RobotSpec, gains: Gains) -> Self {
-        // Flow over chamber growth per pressure: Q / (A dL/dp), the pump's fastest pressure change.
+        // Flow over chamber growth per pressure: Q / (A dL/dp), the pump's fastest pressure change in the largest chamber.
         let span_m = robot.length_range_m[1] - robot.length_range_m[0];
         let span_pa = robot.pressure.max_pa - robot.pressure.min_pa;
-        let pump_rate_pa_s = robot.pump_flow_m3_s / (robot.area_m2 * span_m / span_pa);
+        let pump_rate_pa_s = robot.pump_flow_m3_s / (robot.largest_area_m2() * span_m / span_pa);
         Self {
             limits: robot.pressure.clone(),
             pump_rate_pa_s,

@@ -36,7 +36,7 @@ impl ToyArm {
     pub fn nominal(robot: &RobotSpec) -> Self {
         let span_m = robot.length_range_m[1] - robot.rest_length_m;
         let r = robot.bellows_m[0].norm();
-        let axial = 1.5 * robot.axial_stiffness_n_m * r * r;
+        let axial = 1.5 * robot.axial_stiffness_n_m[0] * r * r;
         Self {
             robot: robot.clone(),
             gain_m_pa: [span_m / robot.pressure.max_pa; CHAMBERS],

@@ -154,6 +154,9 @@ impl<'a> TwinBuilder<'a> {
     /// When networks or calibration cannot be read, or the port cannot be opened.
     pub fn build(self) -> Result<Driver> {
         let robot = self.robot;
+        if let Some(why) = robot.why_not_driven() {
+            anyhow::bail!(why);
+        }
         let maps = match self.maps {
             Some(maps) => maps,
             None => model::maps_for(robot, self.rig, self.instruments.networks.as_deref())?,

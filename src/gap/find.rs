@@ -620,7 +620,7 @@ fn unexplained(suspects: &[&Grid], before: &Misfit, floor: f64) -> Judged {
     }
 }
 
-fn verdict_id(v: Verdict) -> &'static str {
+pub(super) fn verdict_id(v: Verdict) -> &'static str {
     match v {
         Verdict::NothingMissing => "nothing-missing",
         Verdict::Named => "named",

@@ -37,6 +37,7 @@ pub mod score;
 mod select;
 mod session;
 mod sides;
+mod statics;
 
 pub use actuation::{
     Actuation, EffectSet, LINE_HZ, Lag, LineBaseline, LineModel, LineRow, PressureGrid,
@@ -70,6 +71,8 @@ pub use session::{
     CHANNELS, Grid, IMU_0, Measured, SECONDS_MIN, SPRING_0, Session, channel_name, recorded_with,
     same_robot,
 };
+
+pub use statics::{Predicted, Rest, find_at_rest, predict_rests};
 
 use rayon::prelude::*;
 

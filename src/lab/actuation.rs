@@ -49,7 +49,7 @@ pub fn read(path: &Path) -> Result<PressureGrid> {
 }
 
 /// Whether a file has no header but numbers from its first cell on: not a session log.
-fn is_asu_arm(path: &Path) -> Result<bool> {
+pub(super) fn is_asu_arm(path: &Path) -> Result<bool> {
     let is_csv = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("csv"));

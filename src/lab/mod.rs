@@ -44,6 +44,7 @@ pub mod provenance;
 pub mod ranges;
 pub mod replay;
 pub mod reprocess;
+pub mod rests;
 pub mod self_calibration;
 pub mod session;
 pub mod shards;

@@ -29,7 +29,7 @@ pub fn dataset(samples: usize, seed: u64) -> Dataset {
 /// The arm at these pressures; the payload stretches and the tilt sags with it.
 pub fn sample(robot: &RobotSpec, chamber_pa: [f64; CHAMBERS], payload_kg: f64) -> Sample {
     let length = |i: usize| {
-        let stretch = chamber_pa[i] * robot.area_m2 / robot.axial_stiffness_n_m;
+        let stretch = chamber_pa[i] * robot.area_m2[i] / robot.axial_stiffness_n_m[i];
         robot.rest_length_m + stretch + 0.004 * payload_kg
     };
     let segment = |s: usize| {

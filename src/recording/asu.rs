@@ -1,29 +1,39 @@
-//! Pressure logs of the ASU RISE Lab's two-segment arm: no header, 38 columns, psi.
+//! Logs of the ASU RISE Lab's two-segment arm: no header, 38 columns, psi and metres.
 //!
 //! | column (1-based) | |
 //! |---|---|
 //! | 1 | time, s |
 //! | 2-4, 5-7 | desired and measured pressure of chambers 1-3, psi |
 //! | 8-10, 11-13 | the same of chambers 4-6 |
-//! | 14-38 | wire encoders (V) and tracked bodies; not read |
+//! | 14-17 | wire encoders, V; not read |
+//! | 18-38 | tracked bodies on base, middle and end: x, y, z (m), quaternion x, y, z, w, in the frame of the cameras |
 
 use std::cell::Cell;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use sha2::{Digest, Sha256};
 
 use super::RecordingError;
 use super::csv::{Lines, fields};
 use super::size_limit::SizeLimit;
-use crate::signal::{CHAMBERS, hex};
+use crate::signal::{CHAMBERS, Pose, hex};
 
 /// Pa per psi.
 pub const PSI_PA: f64 = 6_894.757_293_168;
 /// Columns of the file.
 pub(super) const COLUMNS: usize = 38;
+/// Tracked bodies.
+pub const BODIES: usize = 3;
+/// First column of the bodies, 0-based, and columns of each.
+const FIRST_BODY: [usize; 2] = [17, 7];
+/// How far the length of a quaternion may be off 1.
+const UNIT: f64 = 0.05;
 /// Memory that a row takes while its vectors grow, bytes.
-const ROW_BYTES: u64 = 2 * (size_of::<f64>() + 2 * size_of::<[f64; CHAMBERS]>()) as u64;
+const ROW_BYTES: u64 = 2
+    * (size_of::<f64>() + 2 * size_of::<[f64; CHAMBERS]>() + size_of::<[Option<Pose>; BODIES]>())
+        as u64;
 
 /// Commanded and measured pressures, gauge, Pa; an empty cell is NaN.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -38,6 +48,8 @@ pub struct AsuArmLog {
     pub commanded_pa: Vec<[f64; CHAMBERS]>,
     /// Measured, Pa.
     pub measured_pa: Vec<[f64; CHAMBERS]>,
+    /// Tracked bodies on base, middle and end in the frame of the cameras; none where there is no whole pose.
+    pub bodies: Vec<[Option<Pose>; BODIES]>,
 }
 
 /// Reads such a file.
@@ -146,7 +158,23 @@ fn push_row(log: &mut AsuArmLog, text: &str) -> Result<(), (usize, String, bool)
         commanded[i] = number(first)? * PSI_PA;
         measured[i] = number(first + 3)? * PSI_PA;
     }
+    let mut bodies = [None; BODIES];
+    for (k, body) in bodies.iter_mut().enumerate() {
+        let mut v = [0.0; 7];
+        for (i, v) in v.iter_mut().enumerate() {
+            *v = number(FIRST_BODY[0] + FIRST_BODY[1] * k + i)?;
+        }
+        let turn = Quaternion::new(v[6], v[3], v[4], v[5]);
+        let whole = v.iter().all(|x| x.is_finite()) && (turn.norm() - 1.0).abs() < UNIT;
+        *body = whole.then(|| {
+            Pose::from_parts(
+                Vector3::new(v[0], v[1], v[2]).into(),
+                UnitQuaternion::from_quaternion(turn),
+            )
+        });
+    }
     log.t_s.push(t_s);
+    log.bodies.push(bodies);
     log.commanded_pa.push(commanded);
     log.measured_pa.push(measured);
     Ok(())
@@ -180,6 +208,20 @@ mod tests {
             [4.0, 5.0, 6.0, 10.0, 11.0, 12.0].map(psi)
         );
         assert_eq!(log.hash.len(), 64);
+        // Numbers that are no turn are no pose.
+        assert_eq!(log.bodies[0], [None; BODIES]);
+        let cells: Vec<String> = (1..COLUMNS)
+            .map(|c| match c {
+                17..=19 => format!("0.{c}"),
+                23 => "-1".to_owned(),
+                _ => "0".to_owned(),
+            })
+            .collect();
+        let log = read(&format!("0.5,{}\n", cells.join(","))).unwrap();
+        let base = log.bodies[0][0].unwrap();
+        assert_eq!(base.translation.vector, Vector3::new(0.17, 0.18, 0.19));
+        assert!(base.rotation.angle() < 1e-12);
+        assert_eq!(log.bodies[0][1..], [None; 2]);
     }
 
     #[test]

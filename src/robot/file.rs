@@ -1,11 +1,11 @@
 //! The robot file: TOML with mm, kPa and degrees in, [`RobotSpec`] in SI out.
 
-use nalgebra::{Rotation3, Unit, Vector3};
+use nalgebra::{Rotation3, Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::patch::{Patch, applied, hash_of};
-use super::{ImuMount, KeepOut, PadId, RobotError, RobotSpec, SpringSpec, SupplyOff};
-use crate::signal::{CHAMBERS, PressureLimits, exactly};
+use super::{ImuMount, KeepOut, PadId, RobotError, RobotSpec, SpringSpec, SupplyOff, Uncertainty};
+use crate::signal::{CHAMBERS, Pose, PressureLimits, exactly};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -16,9 +16,16 @@ struct File {
     segment: Segment,
     pressure: Pressure,
     mass: Mass,
-    springs: Springs,
+    springs: Option<Springs>,
+    #[serde(default)]
     imus: Vec<Imu>,
     motion: Motion,
+    #[serde(default)]
+    chambers: Vec<Chamber>,
+    #[serde(default)]
+    tracked_bodies: Bodies,
+    #[serde(default)]
+    uncertainty: Uncertain,
     #[serde(default)]
     keep_out: Vec<Beyond>,
     #[serde(default)]
@@ -46,6 +53,56 @@ struct Bellows {
     length_range_mm: [f64; 2],
     effective_diameter_mm: f64,
     axial_stiffness_n_m: f64,
+}
+
+/// What one chamber has of its own.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Chamber {
+    #[serde(default, deserialize_with = "place")]
+    at_mm: Option<[f64; 2]>,
+    area_mm2: Option<f64>,
+    axial_stiffness_n_m: Option<f64>,
+}
+
+/// A place of two coordinates, where it is there.
+fn place<'de, D: serde::Deserializer<'de>>(d: D) -> Result<Option<[f64; 2]>, D::Error> {
+    exactly(d).map(Some)
+}
+
+/// Where motion capture's bodies sit on the base and on the pads.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Bodies {
+    base: Option<Body>,
+    middle: Option<Body>,
+    end: Option<Body>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Body {
+    #[serde(deserialize_with = "exactly")]
+    xyz_mm: [f64; 3],
+    #[serde(deserialize_with = "exactly")]
+    ypr_deg: [f64; 3],
+}
+
+/// Standard deviations of what is not measured; those that an arm by its drawing has where a key is missing.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Uncertain {
+    area: Option<f64>,
+    axial_stiffness: Option<f64>,
+    bending_stiffness: Option<f64>,
+    torsional_stiffness: Option<f64>,
+    rest_length: Option<f64>,
+    hardening: Option<f64>,
+    mass: Option<f64>,
+    body_mm: Option<f64>,
+    body_deg: Option<f64>,
+    repeat_mm: Option<f64>,
+    repeat_deg: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -127,6 +184,25 @@ struct Beyond {
     outward: [f64; 3],
 }
 
+/// The pressures of an arm that other boards drive, kPa.
+const PRESSURE_OTHERS_KPA: [f64; 2] = [-100.0, 2000.0];
+
+impl Springs {
+    /// For an arm without any: on the circle of its bellows, and without a force.
+    fn none(radius_mm: f64) -> Self {
+        Self {
+            attachment_radius_mm: radius_mm,
+            pair_angles_deg: [60.0, 180.0, 300.0],
+            half_spread_deg: 20.0,
+            rate_n_m: 0.0,
+            free_length_mm: 60.0,
+            outer_diameter_mm: 4.0,
+            wire_diameter_mm: 0.4,
+            range_mm: SPRING_RANGE_MM,
+        }
+    }
+}
+
 /// No number of an arm, in the units of its file, is larger.
 const LARGEST: f64 = 1e6;
 /// The arm's lengths are larger; in metres they are smaller, mm.
@@ -143,14 +219,19 @@ impl RobotSpec {
     /// [`RobotError`] with line and column for syntax, with key and bound for values.
     pub fn from_toml(text: &str) -> Result<Self, RobotError> {
         let f: File = toml::from_str(text).map_err(|e| syntax(text, &e))?;
-        check(&f)?;
+        let has_springs = f.springs.is_some();
+        let has_imus = !f.imus.is_empty();
+        let s = match &f.springs {
+            Some(s) => s,
+            None => &Springs::none(f.base.bellows_circle_radius_mm),
+        };
+        check(&f, s)?;
         let patches = applied(text, f.patches)?;
         let hash = hash_of(text);
         let on_circle = |radius_mm: f64, deg: f64| {
             let a = deg.to_radians();
             Vector3::new(a.cos(), a.sin(), 0.0) * radius_mm * 1e-3
         };
-        let s = &f.springs;
         // Springs per segment in the order pair 1 A, B, pair 2 A, B, pair 3 A, B; the pairs sit
         // between the bellows, so they turn with the segment's first bellows.
         let spring_end = |i: usize, top: bool| {
@@ -172,19 +253,28 @@ impl RobotSpec {
         };
         Ok(Self {
             name: f.name,
-            bellows_m: std::array::from_fn(|i| {
-                on_circle(
+            bellows_m: std::array::from_fn(|i| match f.chambers.get(i).and_then(|c| c.at_mm) {
+                Some([x, y]) => Vector3::new(x, y, 0.0) * 1e-3,
+                None => on_circle(
                     f.base.bellows_circle_radius_mm,
                     f.base.bellows_angles_deg[i],
-                )
+                ),
             }),
             pad_thickness_m: f.base.pad_thickness_mm * 1e-3,
             rest_length_m: f.bellows.rest_length_mm * 1e-3,
             length_range_m: f.bellows.length_range_mm.map(|x| x * 1e-3),
             bellows_outer_diameter_m: f.bellows.outer_diameter_mm * 1e-3,
             bellows_inner_diameter_m: f.bellows.inner_diameter_mm * 1e-3,
-            area_m2: std::f64::consts::FRAC_PI_4 * (f.bellows.effective_diameter_mm * 1e-3).powi(2),
-            axial_stiffness_n_m: f.bellows.axial_stiffness_n_m,
+            area_m2: std::array::from_fn(|i| match f.chambers.get(i).and_then(|c| c.area_mm2) {
+                Some(mm2) => mm2 * 1e-6,
+                None => {
+                    std::f64::consts::FRAC_PI_4 * (f.bellows.effective_diameter_mm * 1e-3).powi(2)
+                }
+            }),
+            axial_stiffness_n_m: std::array::from_fn(|i| {
+                let own = f.chambers.get(i).and_then(|c| c.axial_stiffness_n_m);
+                own.unwrap_or(f.bellows.axial_stiffness_n_m)
+            }),
             bending_stiffness_nm_rad: f.segment.bending_stiffness_nm_rad,
             torsional_stiffness_nm_rad: f.segment.torsional_stiffness_nm_rad,
             pressure: PressureLimits {
@@ -210,7 +300,16 @@ impl RobotSpec {
                 wire_diameter_m: s.wire_diameter_mm * 1e-3,
                 range_m: s.range_mm.map(|x| x * 1e-3),
             },
-            imus: std::array::from_fn(|i| mount(&f.imus[i])),
+            imus: std::array::from_fn(|i| f.imus.get(i).map_or_else(|| unmounted(i), mount)),
+            has_springs,
+            has_imus,
+            bodies: [
+                &f.tracked_bodies.base,
+                &f.tracked_bodies.middle,
+                &f.tracked_bodies.end,
+            ]
+            .map(|b| b.as_ref().map_or_else(Pose::identity, body)),
+            uncertainty: f.uncertainty.spec(),
             tip_speed_max_m_s: f.motion.tip_speed_max_mm_s * 1e-3,
             supply_off: f.pressure.supply_off,
             keep_out: f.keep_out.into_iter().map(keep_out).collect(),
@@ -218,6 +317,59 @@ impl RobotSpec {
             hash,
             patches,
         })
+    }
+}
+
+/// The place of an IMU that an arm lacks.
+fn unmounted(i: usize) -> ImuMount {
+    ImuMount {
+        pad: if i < 2 { PadId::Middle } else { PadId::End },
+        pad_from_imu: Rotation3::identity(),
+    }
+}
+
+/// The pose of a tracked body on its pad.
+fn body(b: &Body) -> Pose {
+    let [yaw, pitch, roll] = b.ypr_deg.map(f64::to_radians);
+    Pose::from_parts(
+        (Vector3::from(b.xyz_mm) * 1e-3).into(),
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+    )
+}
+
+impl Uncertain {
+    fn spec(&self) -> Uncertainty {
+        let usual = Uncertainty::default();
+        let of = |own: Option<f64>, usual: f64| own.unwrap_or(usual);
+        Uncertainty {
+            area: of(self.area, usual.area),
+            axial_stiffness: of(self.axial_stiffness, usual.axial_stiffness),
+            bending_stiffness: of(self.bending_stiffness, usual.bending_stiffness),
+            torsional_stiffness: of(self.torsional_stiffness, usual.torsional_stiffness),
+            rest_length: of(self.rest_length, usual.rest_length),
+            hardening: of(self.hardening, usual.hardening),
+            mass: of(self.mass, usual.mass),
+            body_m: self.body_mm.map_or(usual.body_m, |mm| mm * 1e-3),
+            body_rad: self.body_deg.map_or(usual.body_rad, f64::to_radians),
+            repeat_m: self.repeat_mm.map_or(usual.repeat_m, |mm| mm * 1e-3),
+            repeat_rad: self.repeat_deg.map_or(usual.repeat_rad, f64::to_radians),
+        }
+    }
+
+    fn numbers(&self) -> [(&'static str, Option<f64>); 11] {
+        [
+            ("uncertainty.area", self.area),
+            ("uncertainty.axial_stiffness", self.axial_stiffness),
+            ("uncertainty.bending_stiffness", self.bending_stiffness),
+            ("uncertainty.torsional_stiffness", self.torsional_stiffness),
+            ("uncertainty.rest_length", self.rest_length),
+            ("uncertainty.hardening", self.hardening),
+            ("uncertainty.mass", self.mass),
+            ("uncertainty.body_mm", self.body_mm),
+            ("uncertainty.body_deg", self.body_deg),
+            ("uncertainty.repeat_mm", self.repeat_mm),
+            ("uncertainty.repeat_deg", self.repeat_deg),
+        ]
     }
 }
 
@@ -239,7 +391,30 @@ fn syntax(text: &str, e: &toml::de::Error) -> RobotError {
     }
 }
 
-fn check(f: &File) -> Result<(), RobotError> {
+fn check(f: &File, springs: &Springs) -> Result<(), RobotError> {
+    if !(f.chambers.is_empty() || f.chambers.len() == CHAMBERS) {
+        return Err(RobotError::Value {
+            key: "chambers",
+            value: format!("{} tables", f.chambers.len()),
+            must: "six [[chambers]] tables, or none",
+        });
+    }
+    let chambers = f.chambers.iter().flat_map(|c| {
+        [
+            ("chambers.area_mm2", c.area_mm2),
+            ("chambers.axial_stiffness_n_m", c.axial_stiffness_n_m),
+        ]
+    });
+    for (key, value) in chambers.chain(f.uncertainty.numbers()) {
+        if let Some(value) = value.filter(|v| !(*v > 0.0 && *v <= LARGEST)) {
+            return Err(RobotError::Value {
+                key,
+                value: value.to_string(),
+                must: "greater than 0 and at most a million",
+            });
+        }
+    }
+
     let positive = [
         (
             "base.bellows_circle_radius_mm",
@@ -261,13 +436,10 @@ fn check(f: &File) -> Result<(), RobotError> {
         ),
         ("pressure.rate_kpa_s", f.pressure.rate_kpa_s),
         ("pressure.pump_flow_l_min", f.pressure.pump_flow_l_min),
-        (
-            "springs.attachment_radius_mm",
-            f.springs.attachment_radius_mm,
-        ),
-        ("springs.free_length_mm", f.springs.free_length_mm),
-        ("springs.wire_diameter_mm", f.springs.wire_diameter_mm),
-        ("springs.outer_diameter_mm", f.springs.outer_diameter_mm),
+        ("springs.attachment_radius_mm", springs.attachment_radius_mm),
+        ("springs.free_length_mm", springs.free_length_mm),
+        ("springs.wire_diameter_mm", springs.wire_diameter_mm),
+        ("springs.outer_diameter_mm", springs.outer_diameter_mm),
         ("motion.tip_speed_max_mm_s", f.motion.tip_speed_max_mm_s),
         ("pressure.over_pressure_kpa", f.pressure.over_pressure_kpa),
     ];
@@ -291,11 +463,8 @@ fn check(f: &File) -> Result<(), RobotError> {
             "bellows.effective_diameter_mm",
             f.bellows.effective_diameter_mm,
         ),
-        (
-            "springs.attachment_radius_mm",
-            f.springs.attachment_radius_mm,
-        ),
-        ("springs.free_length_mm", f.springs.free_length_mm),
+        ("springs.attachment_radius_mm", springs.attachment_radius_mm),
+        ("springs.free_length_mm", springs.free_length_mm),
     ];
     for (key, value) in lengths {
         if value > 0.0 && value < LENGTH_LEAST_MM {
@@ -309,7 +478,7 @@ fn check(f: &File) -> Result<(), RobotError> {
         ("mass.end_pad_kg", f.mass.end_pad_kg),
         ("mass.gripper_kg", f.mass.gripper_kg),
         ("mass.payload_max_kg", f.mass.payload_max_kg),
-        ("springs.rate_n_m", f.springs.rate_n_m),
+        ("springs.rate_n_m", springs.rate_n_m),
     ];
     for (key, value) in not_negative {
         if !(0.0..=LARGEST).contains(&value) {
@@ -322,18 +491,39 @@ fn check(f: &File) -> Result<(), RobotError> {
     }
     let numbers = [
         ("base.bellows_angles_deg", &f.base.bellows_angles_deg[..]),
-        ("springs.pair_angles_deg", &f.springs.pair_angles_deg),
-        ("springs.half_spread_deg", &[f.springs.half_spread_deg]),
+        ("springs.pair_angles_deg", &springs.pair_angles_deg),
+        ("springs.half_spread_deg", &[springs.half_spread_deg]),
         ("bellows.outer_diameter_mm", &[f.bellows.outer_diameter_mm]),
         ("bellows.inner_diameter_mm", &[f.bellows.inner_diameter_mm]),
         ("mass.gripper_com_mm", &[f.mass.gripper_com_mm]),
         ("mass.payload_com_mm", &[f.mass.payload_com_mm]),
     ];
+    let places = f
+        .chambers
+        .iter()
+        .filter_map(|c| Some(("chambers.at_mm", &c.at_mm.as_ref()?[..])));
+    let bodies = [
+        &f.tracked_bodies.base,
+        &f.tracked_bodies.middle,
+        &f.tracked_bodies.end,
+    ];
+    let bodies = bodies.into_iter().flatten();
+    let bodies = bodies.flat_map(|b| {
+        [
+            ("tracked_bodies.xyz_mm", &b.xyz_mm[..]),
+            ("tracked_bodies.ypr_deg", &b.ypr_deg[..]),
+        ]
+    });
     let mountings = f
         .imus
         .iter()
         .map(|i| ("imus.mounting_ypr_deg", &i.mounting_ypr_deg[..]));
-    for (key, values) in numbers.into_iter().chain(mountings) {
+    for (key, values) in numbers
+        .into_iter()
+        .chain(mountings)
+        .chain(places)
+        .chain(bodies)
+    {
         if !values.iter().all(|x| x.abs() <= LARGEST) {
             return Err(RobotError::Value {
                 key,
@@ -359,7 +549,7 @@ fn check(f: &File) -> Result<(), RobotError> {
     let ranges = [
         ("pressure.range_kpa", f.pressure.range_kpa),
         ("bellows.length_range_mm", f.bellows.length_range_mm),
-        ("springs.range_mm", f.springs.range_mm),
+        ("springs.range_mm", springs.range_mm),
     ];
     for (key, [lo, hi]) in ranges {
         if !(lo.is_finite() && hi.is_finite() && lo < hi) {
@@ -375,12 +565,19 @@ fn check(f: &File) -> Result<(), RobotError> {
         (
             "pressure.range_kpa",
             f.pressure.range_kpa,
-            PRESSURE_RANGE_KPA,
-            "within -40 to 40 kPa",
+            if f.springs.is_some() {
+                PRESSURE_RANGE_KPA
+            } else {
+                PRESSURE_OTHERS_KPA
+            },
+            match f.springs.is_some() {
+                true => "within -40 to 40 kPa",
+                false => "within -100 to 2000 kPa",
+            },
         ),
         (
             "springs.range_mm",
-            f.springs.range_mm,
+            springs.range_mm,
             SPRING_RANGE_MM,
             "within 70 to 240 mm",
         ),
@@ -403,11 +600,11 @@ fn check(f: &File) -> Result<(), RobotError> {
             must: "at or beyond both ends of pressure.range_kpa, since it bounds either sign",
         });
     }
-    if f.imus.len() != crate::signal::IMUS {
+    if !(f.imus.is_empty() || f.imus.len() == crate::signal::IMUS) {
         return Err(RobotError::Value {
             key: "imus",
             value: format!("{} tables", f.imus.len()),
-            must: "four [[imus]] tables",
+            must: "four [[imus]] tables, or none",
         });
     }
     Ok(())
@@ -435,8 +632,8 @@ mod tests {
         // Spring A of pair 1 starts at 40° on top and ends at 80° below.
         let top = r.spring_top_m[0];
         assert!((top.y.atan2(top.x).to_degrees() - 40.0).abs() < 1e-9);
-        assert!((r.area_m2 - 53.46e-4).abs() < 1e-6);
-        assert!((r.pressure.max_pa * r.area_m2 / r.axial_stiffness_n_m - 0.075).abs() < 1e-4);
+        assert!((r.area_m2[0] - 53.46e-4).abs() < 1e-6);
+        assert!((r.pressure.max_pa * r.area_m2[0] / r.axial_stiffness_n_m[0] - 0.075).abs() < 1e-4);
     }
 
     /// Every key of the file is read.
@@ -528,6 +725,42 @@ mod tests {
         ] {
             let bad = REFERENCE.replace(from, to);
             assert_ne!(bad, REFERENCE, "{from}");
+            let e = RobotSpec::from_toml(&bad).expect_err(to).to_string();
+            assert!(e.contains(says), "{e}");
+        }
+    }
+    #[test]
+    fn an_arm_of_another_lab_has_chambers_of_its_own_and_no_sensors() {
+        let text = include_str!("../../assets/robots/asu-arm.toml");
+        let r = RobotSpec::from_toml(text).expect("reads");
+        assert!(!r.has_springs && !r.has_imus && r.spring.rate_n_m == 0.0);
+        assert_eq!(r.bellows_m[4], Vector3::new(0.048, 0.0, 0.0));
+        assert!((r.area_m2[2] - 2.0 * r.area_m2[0]).abs() < 1e-6);
+        assert_eq!(r.axial_stiffness_n_m[5], 6600.0);
+        assert_eq!(r.bodies[2].translation.vector.z, 5e-3);
+        assert_eq!(r.uncertainty.repeat_m, 1e-3);
+        assert!(
+            r.why_not_driven()
+                .is_some_and(|why| why.contains("no springs"))
+        );
+        assert_eq!(RobotSpec::reference().why_not_driven(), None);
+        for (from, to, says) in [
+            ("area_mm2 = 3000.0", "area_mm2 = 0.0", "chambers.area_mm2"),
+            (
+                "[[chambers]]\nat_mm = [-48.0, 0.0]\n",
+                "",
+                "six [[chambers]] tables",
+            ),
+            ("area = 0.5", "area = -1.0", "uncertainty.area"),
+            ("body_mm = 10.0", "body_m = 0.01", "body_m"),
+            (
+                "xyz_mm = [0.0, 0.0, 5.0]",
+                "xyz_mm = [0.0, 5.0]",
+                "3 values",
+            ),
+        ] {
+            let bad = text.replacen(from, to, 1);
+            assert_ne!(bad, text, "{from}");
             let e = RobotSpec::from_toml(&bad).expect_err(to).to_string();
             assert!(e.contains(says), "{e}");
         }

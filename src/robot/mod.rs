@@ -12,7 +12,7 @@ mod patch;
 use nalgebra::{Rotation3, Unit, Vector3};
 use serde::Deserialize;
 
-use crate::signal::{CHAMBERS, IMUS, PressureLimits, SPRINGS};
+use crate::signal::{CHAMBERS, IMUS, Pose, PressureLimits, SPRINGS};
 pub use error::RobotError;
 pub use patch::{
     Applied, PATCH_VERSION, Patch, PatchEffect, PatchLaw, PatchValue, with_patch,
@@ -76,6 +76,51 @@ pub enum SupplyOff {
     Vents,
 }
 
+/// Standard deviations of the numbers of an arm, as shares of them where no unit is given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Uncertainty {
+    /// Effective area of each chamber.
+    pub area: f64,
+    /// Axial stiffness of each bellows.
+    pub axial_stiffness: f64,
+    /// Bending stiffness of each segment.
+    pub bending_stiffness: f64,
+    /// Torsional stiffness of each segment.
+    pub torsional_stiffness: f64,
+    /// Rest length of each bellows.
+    pub rest_length: f64,
+    /// Hardening of the bellows: the relative gain in tension per squared strain.
+    pub hardening: f64,
+    /// Mass of the gripper.
+    pub mass: f64,
+    /// Place of a tracked body on its pad, m.
+    pub body_m: f64,
+    /// Turn of a tracked body on its pad, rad.
+    pub body_rad: f64,
+    /// From one rest at the same pressures to the next: distance of a pad (root mean square), m.
+    pub repeat_m: f64,
+    /// The same: turn of a pad, rad.
+    pub repeat_rad: f64,
+}
+
+impl Default for Uncertainty {
+    fn default() -> Self {
+        Self {
+            area: 0.03,
+            axial_stiffness: 0.05,
+            bending_stiffness: 0.1,
+            torsional_stiffness: 0.2,
+            rest_length: 0.005,
+            hardening: 0.3,
+            mass: 0.05,
+            body_m: 2e-3,
+            body_rad: 0.02,
+            repeat_m: 1e-3,
+            repeat_rad: 0.01,
+        }
+    }
+}
+
 /// A half-space that the middle and the end pad's centres do not enter, in the base frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KeepOut {
@@ -112,9 +157,9 @@ pub struct RobotSpec {
     /// Bellows inner diameter, m.
     pub bellows_inner_diameter_m: f64,
     /// Effective area of each chamber, m².
-    pub area_m2: f64,
+    pub area_m2: [f64; CHAMBERS],
     /// Axial stiffness of each bellows, N/m.
-    pub axial_stiffness_n_m: f64,
+    pub axial_stiffness_n_m: [f64; CHAMBERS],
     /// Bending stiffness of a segment beyond its three axial springs, N m/rad.
     pub bending_stiffness_nm_rad: f64,
     /// Torsional stiffness of a segment, N m/rad.
@@ -147,6 +192,14 @@ pub struct RobotSpec {
     pub spring: SpringSpec,
     /// Mounting of each IMU.
     pub imus: [ImuMount; IMUS],
+    /// Whether there are inductive springs; without them `spring` and their ends stand for nothing.
+    pub has_springs: bool,
+    /// Whether there are IMUs.
+    pub has_imus: bool,
+    /// Motion capture's bodies on the base (in the base frame), the middle and the end pad (in the pad's).
+    pub bodies: [Pose; 3],
+    /// How uncertain the numbers are.
+    pub uncertainty: Uncertainty,
     /// Fastest tip speed, m/s.
     pub tip_speed_max_m_s: f64,
     /// What becomes of the chambers' air when the supply is off.
@@ -175,6 +228,27 @@ impl RobotSpec {
             // The file is part of the binary and a test loads it.
             Err(e) => unreachable!("the built-in robot file does not load: {e}"),
         }
+    }
+
+    /// Why this program cannot drive the arm; nothing if it can.
+    pub fn why_not_driven(&self) -> Option<String> {
+        let lacks: Vec<&str> = [(self.has_springs, "springs"), (self.has_imus, "IMUs")]
+            .into_iter()
+            .filter_map(|(has, what)| (!has).then_some(what))
+            .collect();
+        (!lacks.is_empty()).then(|| {
+            format!(
+                "the robot file '{}' has no {}: nothing estimates the pose of this arm, so it cannot be driven; its logs can be \
+                 compared with `springtwin gap run --window`",
+                self.name,
+                lacks.join(" and no ")
+            )
+        })
+    }
+
+    /// Effective area of the largest chamber, which fills slowest, m².
+    pub fn largest_area_m2(&self) -> f64 {
+        self.area_m2.iter().copied().fold(0.0, f64::max)
     }
 
     /// Whether a gauge pressure (Pa) is beyond the over-pressure limit, above or below atmospheric pressure.

@@ -135,7 +135,7 @@ impl Model {
                 base: Frame::identity(),
                 floor: None,
             },
-            area_m2: std::array::from_fn(|i| robot.area_m2 * parameters.chamber_area[i]),
+            area_m2: std::array::from_fn(|i| robot.area_m2[i] * parameters.chamber_area[i]),
             hidden_kg: 0.0,
             payload_m: Vector3::new(0.0, 0.0, -robot.payload_com_m),
             hidden_force_n: Vector3::zeros(),
@@ -200,7 +200,7 @@ fn section(robot: &RobotSpec, p: &Parameters, resolution: Resolution, s: usize) 
     let springs = 6 * s..6 * s + 6;
     let axial: f64 = chambers
         .clone()
-        .map(|i| robot.axial_stiffness_n_m * p.chamber_stiffness[i] * l0)
+        .map(|i| robot.axial_stiffness_n_m[i] * p.chamber_stiffness[i] * l0)
         .sum();
     let bending = robot.bending_stiffness_nm_rad * p.bending[s] * l0;
     let torsion = robot.torsional_stiffness_nm_rad * p.torsion[s] * l0;
@@ -236,7 +236,7 @@ fn section(robot: &RobotSpec, p: &Parameters, resolution: Resolution, s: usize) 
         rest: [0.0, 0.0, 0.0, 0.0, 0.0, -1.0],
         bellows: chambers
             .map(|i| {
-                let stiffness_n = robot.axial_stiffness_n_m * p.chamber_stiffness[i] * l0;
+                let stiffness_n = robot.axial_stiffness_n_m[i] * p.chamber_stiffness[i] * l0;
                 Bellows {
                     r_m: robot.bellows_m[i],
                     stiffness_n,

@@ -464,3 +464,91 @@ fn the_orientation_filter_is_no_worse_than_vqf_on_broad() {
         assert!(said["samples"].as_u64().expect("a number") > 30_000);
     }
 }
+
+/// A measured arm at rest: `gap run --window` on its logs, those without a weight as the healthy ones.
+fn at_rest(
+    healthy: &[&str],
+    suspects: &[&str],
+    prove: &[&str],
+    more: &[&str],
+) -> serde_json::Value {
+    let bend = data_dir().join("asu-arm/bend");
+    let robot = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/robots/asu-arm.toml");
+    let mut args: Vec<String> = ["--robot", robot, "gap", "run", "--json"]
+        .map(str::to_owned)
+        .into();
+    for (option, names) in [
+        ("--baseline", healthy),
+        ("--session", suspects),
+        ("--prove", prove),
+    ] {
+        for name in names {
+            let file = bend.join(format!("{name}.csv"));
+            args.extend([option.to_owned(), file.display().to_string()]);
+        }
+    }
+    args.extend(more.iter().map(|s| (*s).to_owned()));
+    json(&args.iter().map(String::as_str).collect::<Vec<_>>())
+}
+
+const WITHOUT_WEIGHT: [&str; 4] = ["noload-1", "noload-2", "noload-3", "noload-4"];
+
+fn error_of(finding: &serde_json::Value, group: &str, when: &str) -> f64 {
+    let channels = finding["channels"].as_array().expect("channels");
+    let group = channels.iter().find(|c| c["name"] == group).expect(group);
+    group[when].as_f64().expect(when)
+}
+
+/// Measured: three rests of the arm predict a fourth at another pressure.
+#[test]
+fn a_measured_arm_is_commissioned_at_rest_and_predicted() {
+    let found = at_rest(
+        &["noload-1", "noload-2", "noload-4"],
+        &["noload-3"],
+        &[],
+        &["--window", "22:29"],
+    );
+    let [tip, middle] =
+        ["r2 tip position", "r2 middle position"].map(|g| error_of(&found, g, "before"));
+    assert!(
+        tip <= 2.0 && middle <= 1.0,
+        "tip {tip} mm, middle {middle} mm"
+    );
+    assert_eq!(found["verdict"], "nothing-missing");
+}
+
+/// Measured: the weight that was hung on it, found on two trials and proved on two others.
+#[test]
+fn the_weight_on_a_measured_arm_is_found_at_rest() {
+    let found = at_rest(
+        &WITHOUT_WEIGHT,
+        &["load400g-1", "load400g-3"],
+        &["load400g-2", "load400g-4"],
+        &["--window", "22:29", "--baseline-window", "22:29"],
+    );
+    println!("{found}");
+    let effects = found["effects"].as_array().expect("effects");
+    let payload = &effects[0];
+    assert_eq!(
+        (&payload["id"], &payload["side"]),
+        (&"payload".into(), &"mechanics".into())
+    );
+    for e in effects {
+        assert!(e["side"] == "mechanics", "{e}");
+    }
+    let mass = &payload["params"]["mass"];
+    let [low, high] = [0, 1].map(|i| mass["ci95"][i].as_f64().expect("an interval"));
+    assert!(low < 0.4 && 0.4 < high, "{mass}");
+    let gap = |v: &serde_json::Value, when: &str| v[when].as_f64().expect("mm");
+    assert!(gap(&found["gap"], "before") > 4.0 && gap(&found["gap"], "after") <= 1.5);
+    let proof = &found["proof"]["gap"];
+    assert!(gap(proof, "before") > 4.0 && gap(proof, "after") < 0.5 * gap(proof, "before"));
+}
+
+/// Measured: the same trials before the weight was hung.
+#[test]
+fn nothing_is_missing_on_a_measured_arm_before_the_weight() {
+    let trials = ["load400g-1", "load400g-2", "load400g-3", "load400g-4"];
+    let found = at_rest(&WITHOUT_WEIGHT, &trials, &[], &["--window", "3.5:4.9"]);
+    assert_eq!(found["verdict"], "nothing-missing", "{found}");
+}

@@ -110,8 +110,10 @@ impl Pumping {
             most_pa: RANGE_SHARE * limits.max_pa.min(-limits.min_pa).max(1e3),
             command_pa_s: limits.rate_pa_s,
             power_w: ATMOSPHERE_PA * robot.pump_flow_m3_s,
-            volume_m3: robot.area_m2 * robot.rest_length_m,
-            compliance_m3_pa: robot.area_m2.powi(2) / robot.axial_stiffness_n_m,
+            volume_m3: robot.largest_area_m2() * robot.rest_length_m,
+            compliance_m3_pa: (0..CHAMBERS)
+                .map(|i| robot.area_m2[i].powi(2) / robot.axial_stiffness_n_m[i])
+                .fold(0.0, f64::max),
         }
     }
 

@@ -109,10 +109,11 @@ impl Maker<'_> {
         (1.0 + self.normal(sd)).max(0.1)
     }
 
-    fn member(&mut self) -> Member {
+    fn member(&mut self, chamber: usize) -> Member {
         let (r, c) = (self.robot, self.character);
         let share = (c.rings + 1) as f64;
-        let stiffness_n_m = c.stiffness * r.axial_stiffness_n_m * self.factor(c.scatter) * share;
+        let stiffness_n_m =
+            c.stiffness * r.axial_stiffness_n_m[chamber] * self.factor(c.scatter) * share;
         let rest_m = r.rest_length_m * self.factor(0.2 * c.scatter) / share;
         let [shortest, longest] = r.length_range_m;
         Member {
@@ -137,7 +138,7 @@ impl Maker<'_> {
                 Friction::default(),
             ],
             damping_n_s_m: stiffness_n_m * c.damping_s,
-            area_m2: r.area_m2 * self.factor(0.5 * c.scatter),
+            area_m2: r.area_m2[chamber] * self.factor(0.5 * c.scatter),
             area_slope: c.area_slope,
         }
     }
@@ -151,7 +152,7 @@ impl Maker<'_> {
         let torsion = c.stiffness * r.torsional_stiffness_nm_rad * self.factor(2.0 * c.scatter);
         let bending = c.stiffness * r.bending_stiffness_nm_rad * self.factor(2.0 * c.scatter);
         let fold_n_m = c.fold_torsion * torsion / square_m2;
-        let members: [Member; 3] = std::array::from_fn(|_| self.member());
+        let members: [Member; 3] = chamber.map(|i| self.member(i));
         let gap = Gap {
             elastic: Elastic {
                 at_m,

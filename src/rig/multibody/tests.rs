@@ -223,7 +223,7 @@ fn a_bare_segment_rings_at_the_cantilevers_frequency() {
     };
     let radius_m = robot.bellows_m[0].norm();
     let per_segment =
-        1.5 * robot.axial_stiffness_n_m * radius_m * radius_m + robot.bending_stiffness_nm_rad;
+        1.5 * robot.axial_stiffness_n_m[0] * radius_m * radius_m + robot.bending_stiffness_nm_rad;
     let (mass_kg, length_m) = (3.0 * robot.bellows_kg, robot.rest_length_m);
     let omega = 3.516 * (per_segment * length_m / (mass_kg * length_m.powi(3))).sqrt();
     let expected_hz = omega / std::f64::consts::TAU;

@@ -35,7 +35,7 @@ pub struct Supply {
     /// Gain and offset (Pa) of each gauge.
     gauge: [[f64; 2]; CHAMBERS],
     /// Air that raises a chamber by 1 Pa, as a volume at atmospheric pressure, m³.
-    storage_m3: f64,
+    storage_m3: [f64; CHAMBERS],
     packets: [VecDeque<Packet>; CHAMBERS],
     next_packet_s: f64,
     arrived: [Option<f64>; CHAMBERS],
@@ -51,13 +51,16 @@ impl Supply {
     pub fn new(robot: &RobotSpec, unit: u64) -> Self {
         let mut rng = stream(unit, 0x5011);
         let r = &mut rng;
-        let rest_m3 = robot.area_m2 * robot.rest_length_m;
-        let compliance_m3_pa = robot.area_m2.powi(2) / robot.axial_stiffness_n_m;
+        let storage_m3 = |i: usize| {
+            let area_m2 = robot.area_m2[i];
+            area_m2 * robot.rest_length_m
+                + ATMOSPHERE_PA * area_m2.powi(2) / robot.axial_stiffness_n_m[i]
+        };
         Self {
             pump_m3_s: std::array::from_fn(|_| robot.pump_flow_m3_s * (1.0 + 0.03 * normal(r))),
             line_pa_s_m3: std::array::from_fn(|_| LINE_PA_S_M3 * (1.0 + 0.1 * normal(r))),
             gauge: std::array::from_fn(|_| [1.0 + 1.5e-3 * normal(r), 30.0 * normal(r)]),
-            storage_m3: rest_m3 + ATMOSPHERE_PA * compliance_m3_pa,
+            storage_m3: std::array::from_fn(storage_m3),
             packets: Default::default(),
             next_packet_s: f64::MIN,
             arrived: [None; CHAMBERS],
@@ -119,7 +122,7 @@ impl Supply {
                 };
                 let most = |rate_pa_s: f64| {
                     let own = share[i] * self.pump_m3_s[i];
-                    own.min(rate_pa_s * self.storage_m3 / ATMOSPHERE_PA)
+                    own.min(rate_pa_s * self.storage_m3[i] / ATMOSPHERE_PA)
                 };
                 let [up, down] = d.flow_pa_s[i].map(most);
                 let wanted = self.pump_m3_s[i] * share[i] * missing / FULL_FLOW_PA;
@@ -128,8 +131,9 @@ impl Supply {
             Flow {
                 pumped_m3_s: pumped,
                 leak_m3_s_pa: 0.0,
-                orifice_m3_s_pa: d.leak_1_s[i] * self.storage_m3 / ATMOSPHERE_PA,
-                line_pa_s_m3: self.line_pa_s_m3[i] + d.line_s[i] * ATMOSPHERE_PA / self.storage_m3,
+                orifice_m3_s_pa: d.leak_1_s[i] * self.storage_m3[i] / ATMOSPHERE_PA,
+                line_pa_s_m3: self.line_pa_s_m3[i]
+                    + d.line_s[i] * ATMOSPHERE_PA / self.storage_m3[i],
             }
         })
     }

@@ -165,11 +165,10 @@ pub(super) fn pressure_lag(c: &Call, line: &mut Line) {
 
 /// The gas behind a lagging line is a spring that leaks through the line.
 pub(super) fn gas_spring(c: &Call, plant: &mut Plant) {
-    let rate_n_m = AMBIENT_PA * c.robot.area_m2 / c.robot.rest_length_m;
     if c.values[0] > 0.0 && c.values[1] > 0.0 {
-        each_bellows(c, plant, |bellows| {
+        each_bellows(c, plant, |i, bellows| {
             bellows.branches.push(Branch {
-                rate_n_m: c.values[1] * rate_n_m,
+                rate_n_m: c.values[1] * AMBIENT_PA * c.robot.area_m2[i] / c.robot.rest_length_m,
                 tau_s: c.values[0],
             });
         });
@@ -195,7 +194,7 @@ pub(super) fn behind_gauge(c: &Call, chamber_pa: &mut [[f64; CHAMBERS]]) {
 
 pub(super) fn hysteresis(c: &Call, plant: &mut Plant) {
     if c.values[0] > 0.0 {
-        each_bellows(c, plant, |bellows| {
+        each_bellows(c, plant, |_, bellows| {
             bellows.friction.push(Friction {
                 coulomb_force_n: c.values[0],
                 presliding_m: c.values[1],
@@ -206,9 +205,9 @@ pub(super) fn hysteresis(c: &Call, plant: &mut Plant) {
 
 pub(super) fn creep(c: &Call, plant: &mut Plant) {
     if c.values[0] > 0.0 {
-        each_bellows(c, plant, |bellows| {
+        each_bellows(c, plant, |i, bellows| {
             bellows.branches.push(Branch {
-                rate_n_m: c.values[0] * c.robot.axial_stiffness_n_m,
+                rate_n_m: c.values[0] * c.robot.axial_stiffness_n_m[i],
                 tau_s: c.values[1],
             });
         });
@@ -216,25 +215,24 @@ pub(super) fn creep(c: &Call, plant: &mut Plant) {
 }
 
 pub(super) fn stiffening(c: &Call, plant: &mut Plant) {
-    each_bellows(c, plant, |bellows| {
+    each_bellows(c, plant, |_, bellows| {
         bellows.cubic_n += c.values[0] * bellows.stiffness_n
     });
 }
 
 pub(super) fn chamber_stiffness(c: &Call, plant: &mut Plant) {
-    each_bellows(c, plant, |bellows| {
+    each_bellows(c, plant, |_, bellows| {
         bellows.stiffness_n *= c.values[0];
         bellows.cubic_n *= c.values[0];
     });
 }
 
-/// Changes every bellows the effect acts on.
-pub(super) fn each_bellows(c: &Call, plant: &mut Plant, f: impl FnMut(&mut Bellows)) {
+/// Changes the bellows that an effect acts on, each with its index.
+pub(super) fn each_bellows(c: &Call, plant: &mut Plant, mut f: impl FnMut(usize, &mut Bellows)) {
     let bellows = plant.model.rod.bellows_mut().enumerate();
     bellows
         .filter(|(i, _)| c.hits(*i))
-        .map(|(_, b)| b)
-        .for_each(f);
+        .for_each(|(i, b)| f(i, b));
 }
 
 pub(super) fn damping(c: &Call, plant: &mut Plant) {

@@ -369,7 +369,7 @@ fn unfollowed(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
 
 fn hinge(c: &Call, plant: &mut Plant, beyond: bool) {
     let l0 = c.robot.rest_length_m;
-    each_bellows(c, plant, |b| {
+    each_bellows(c, plant, |_, b| {
         b.hinges.push(Hinge {
             from: c.values[1] / l0,
             beyond,
@@ -551,7 +551,7 @@ pub const TERMS: &[Term] = &[
         .numbers(&[n("rate", "N/m", -2000.0, 6000.0)], |_, _| at([[150.0]], &[0]))
         .acts(|c, plant| {
             let l0 = c.robot.rest_length_m;
-            each_bellows(c, plant, |b| b.stiffness_n += c.values[0] * l0);
+            each_bellows(c, plant, |_, b| b.stiffness_n += c.values[0] * l0);
         })
         .instant(),
     tension("tension-length-cubed", "Tension by cubed length", "ΔT_i = c (l_i − l₀)³.")
@@ -559,7 +559,7 @@ pub const TERMS: &[Term] = &[
         .numbers(&[n("rate", "N/m³", 0.0, 1e6)], |_, _| at([[5e4]], &[0]))
         .acts(|c, plant| {
             let l0 = c.robot.rest_length_m;
-            each_bellows(c, plant, |b| b.cubic_n += c.values[0] * l0.powi(3));
+            each_bellows(c, plant, |_, b| b.cubic_n += c.values[0] * l0.powi(3));
         })
         .instant(),
     tension(
@@ -608,7 +608,7 @@ pub const TERMS: &[Term] = &[
         |_, _| at([[300.0, 1.0], [300.0, 3.0], [300.0, 12.0], [300.0, 60.0]], &[0]),
     )
     .acts(|c, plant| {
-        each_bellows(c, plant, |b| {
+        each_bellows(c, plant, |_, b| {
             if c.values[0] > 0.0 {
                 b.branches.push(Branch {
                     rate_n_m: c.values[0],
@@ -623,7 +623,7 @@ pub const TERMS: &[Term] = &[
         .numbers(&[n("rate", "N s/m", 0.0, 8000.0)], |_, _| at([[300.0]], &[0]))
         .acts(|c, plant| {
             const TAU_S: f64 = 0.02;
-            each_bellows(c, plant, |b| {
+            each_bellows(c, plant, |_, b| {
                 if c.values[0] > 0.0 {
                     b.branches.push(Branch {
                         rate_n_m: c.values[0] / TAU_S,

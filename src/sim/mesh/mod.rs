@@ -151,7 +151,7 @@ impl MeshModel {
         let wanted = bend_rad(&observe_rod(&rod, &state).base_from_tip);
         // Walls as stiff in bending as hollow beams of the meshed section, the rest by secant.
         let [ri, ro] = bellows_radii_m(robot);
-        let beam = 0.25 * (ri * ri + ro * ro) * robot.axial_stiffness_n_m;
+        let beam = 0.25 * (ri * ri + ro * ro) * robot.axial_stiffness_n_m[0];
         let guess = (robot.bending_stiffness_nm_rad / (3.0 * beam)).clamp(1.2, 18.0);
         let off_rad = |beta: f64| -> Result<f64, SimError> {
             let model = Self::with_walls(plain, beta)?;
@@ -226,8 +226,8 @@ impl MeshModel {
         (0..COLUMNS)
             .map(|c| {
                 if c < CHAMBERS {
-                    let force_n = inputs.chamber_pa[c] * r.area_m2 - inputs.tension_n[c];
-                    1.0 + force_n / (r.axial_stiffness_n_m * r.rest_length_m)
+                    let force_n = inputs.chamber_pa[c] * r.area_m2[c] - inputs.tension_n[c];
+                    1.0 + force_n / (r.axial_stiffness_n_m[c] * r.rest_length_m)
                 } else {
                     1.0
                 }
@@ -292,7 +292,7 @@ fn build(
         pads_m: pads_of(segment_of(c)).map(|p| p.map(|p| origins[p])),
     };
     // w V = β k l₀²
-    let energy_j = wall_ratio * robot.axial_stiffness_n_m * l0 * l0;
+    let energy_j = wall_ratio * robot.axial_stiffness_n_m[c.min(CHAMBERS - 1)] * l0 * l0;
     b.weight_j_m3 = energy_j / meshed_volume_m3(&b);
     if c < CHAMBERS {
         let at = robot.bellows_m[c];

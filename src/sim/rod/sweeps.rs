@@ -296,7 +296,7 @@ fn an_unstable_state_has_no_sensitivity() {
 /// per element length, forces over the largest bellows force, moments over that at its radius.
 fn imbalance(gradient: &[f64]) -> f64 {
     let robot = &MODEL.robot;
-    let force_n = robot.pressure.max_pa * robot.area_m2;
+    let force_n = robot.pressure.max_pa * robot.area_m2[0];
     let moment_nm = force_n * robot.bellows_m[0].norm();
     let idx = MODEL.rod.strains.indices();
     let l = robot.rest_length_m / MODEL.rod.sections[0].elements as f64;
@@ -526,7 +526,7 @@ fn half_a_kilogram_stretches_the_straight_arm_as_by_hand() {
         let mut by_hand = 0.0;
         for segment in 0..2 {
             let length = o.bellows_m[3 * segment];
-            let mut stiffness = 3.0 * robot.axial_stiffness_n_m;
+            let mut stiffness = 3.0 * robot.axial_stiffness_n_m[0];
             for d in &o.sensors.spring_m[6 * segment..6 * segment + 6] {
                 let along = (length / d).powi(2);
                 let slack = 1.0 - robot.spring.free_length_m / d;

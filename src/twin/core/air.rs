@@ -118,7 +118,7 @@ impl AirWatch {
         self.past.push_back(Air {
             stamp,
             amount_j: std::array::from_fn(|i| {
-                (ATMOSPHERE_PA + chamber_pa[i]) * robot.area_m2 * length_m[i]
+                (ATMOSPHERE_PA + chamber_pa[i]) * robot.area_m2[i] * length_m[i]
             }),
             measured_pa: *chamber_pa,
             off_pa: std::array::from_fn(|i| set_pa[i] - chamber_pa[i]),
@@ -205,7 +205,7 @@ mod tests {
             set[4] = set_pa(t_s);
             let flow = robot.pump_flow_m3_s * ((set[4] - p[4]) / 500.0).clamp(-1.0, 1.0);
             let lost = if t_s > 10.0 { leak * p[4] } else { 0.0 };
-            let volume_m3 = robot.area_m2 * 0.145;
+            let volume_m3 = robot.area_m2[4] * 0.145;
             p[4] += 0.01 * ATMOSPHERE_PA * (flow - lost) / volume_m3;
             let hang = |z_m: f64| Pose::translation(0.0, 0.0, -z_m);
             let pads = [hang(0.145), hang(0.3)];

@@ -31,7 +31,7 @@ pub fn check(text: &str) {
             "{low} {high}"
         );
     }
-    assert!(robot.area_m2 > 0.0 && robot.area_m2.is_finite());
+    assert!(robot.area_m2.iter().all(|a| *a > 0.0 && a.is_finite()));
     for m in &robot.imus {
         assert!(m.pad_from_imu.matrix().iter().all(|x| x.is_finite()));
     }

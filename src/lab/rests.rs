@@ -1,0 +1,228 @@
+//! Rests of an arm: means of steady windows of sessions and of other labs' logs.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+
+use super::actuation::is_asu_arm;
+use crate::gap::Rest;
+use crate::recording::{self, AsuArmLog};
+use crate::robot::RobotSpec;
+use crate::signal::{CHAMBERS, Pose, pose_error};
+
+/// A window is steady where the mean of no pressure moves by more from its first to its last third, Pa: a regulator may hunt
+/// about it.
+const STEADY_PA: f64 = 3e3;
+/// Fewest samples of a window.
+const SAMPLES_MIN: usize = 10;
+/// A body that turns by more from one sample to the next has flipped, rad.
+const FLIPPED_RAD: f64 = 1.5;
+
+/// A span of a session's own clock, s.
+pub type Window = [f64; 2];
+
+/// The steady window of every session; logs of the ASU arm are known by their 38 columns.
+///
+/// # Errors
+/// When a file cannot be read, or the window is not steady or too short; the error names it.
+pub fn read_rests(robot: &RobotSpec, paths: &[PathBuf], window: Window) -> Result<Vec<Rest>> {
+    paths
+        .iter()
+        .map(|path| read_rest(robot, path, window))
+        .collect()
+}
+
+fn read_rest(robot: &RobotSpec, path: &Path, window: Window) -> Result<Rest> {
+    let samples = match is_asu_arm(path)? {
+        true => of_asu(robot, &recording::read_asu_arm(path)?),
+        false => of_session(path)?,
+    };
+    samples.mean(window)
+}
+
+/// A session sample by sample.
+struct Samples {
+    name: String,
+    hash: String,
+    payload_kg: f64,
+    t_s: Vec<f64>,
+    gauge_pa: Vec<[f64; CHAMBERS]>,
+    bodies: [Vec<Option<Pose>>; 2],
+    on_base: bool,
+}
+
+/// A log of the ASU arm with its bodies in the base frame.
+fn of_asu(robot: &RobotSpec, log: &AsuArmLog) -> Samples {
+    let body = |k: usize| -> Vec<Option<Pose>> {
+        let rows = log.bodies.iter();
+        rows.map(|b| Some(robot.bodies[0] * b[0]?.inverse() * b[k]?))
+            .collect()
+    };
+    Samples {
+        name: log.name.clone(),
+        hash: log.hash.clone(),
+        payload_kg: 0.0,
+        t_s: log.t_s.clone(),
+        gauge_pa: log.measured_pa.clone(),
+        bodies: [body(1), body(2)],
+        on_base: true,
+    }
+}
+
+fn of_session(path: &Path) -> Result<Samples> {
+    let log = recording::read_log(path)?;
+    Ok(Samples {
+        name: log.name,
+        hash: log.hash,
+        payload_kg: log.payload_kg,
+        bodies: [vec![None; log.t_s.len()], log.truth],
+        on_base: false,
+        t_s: log.t_s,
+        gauge_pa: log.chamber_pa,
+    })
+}
+
+impl Samples {
+    fn mean(&self, window: Window) -> Result<Rest> {
+        let [from_s, to_s] = window;
+        let within: Vec<usize> = (0..self.t_s.len())
+            .filter(|k| (from_s..to_s).contains(&self.t_s[*k]))
+            .collect();
+        anyhow::ensure!(
+            within.len() >= SAMPLES_MIN,
+            "{} has {} samples from {from_s} to {to_s} s, and {SAMPLES_MIN} are needed: its clock runs from {:.1} to {:.1} s",
+            self.name,
+            within.len(),
+            self.t_s.first().copied().unwrap_or(f64::NAN),
+            self.t_s.last().copied().unwrap_or(f64::NAN)
+        );
+        let mut gauge_pa = [0.0; CHAMBERS];
+        for (i, mean) in gauge_pa.iter_mut().enumerate() {
+            let known = within.iter().map(|k| self.gauge_pa[*k][i]);
+            let known: Vec<f64> = known.filter(|p| p.is_finite()).collect();
+            anyhow::ensure!(
+                !known.is_empty(),
+                "{} has no pressure of chamber {} from {from_s} to {to_s} s",
+                self.name,
+                i + 1
+            );
+            let mean_of = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+            let third = known.len().div_ceil(3);
+            let moves = (mean_of(&known[known.len() - third..]) - mean_of(&known[..third])).abs();
+            anyhow::ensure!(
+                moves <= STEADY_PA,
+                "{} is not at rest from {from_s} to {to_s} s: the pressure of chamber {} moves by {:.1} kPa, and a rest by {:.1} \
+                 at most; choose a steady window",
+                self.name,
+                i + 1,
+                moves * 1e-3,
+                STEADY_PA * 1e-3
+            );
+            *mean = mean_of(&known);
+        }
+        let mut bodies = [None; 2];
+        for ((k, mean), body) in bodies.iter_mut().enumerate().zip(&self.bodies) {
+            let name = ["middle", "end"][k];
+            *mean = mean_pose(within.iter().filter_map(|k| body[*k]), &|flips| {
+                log::warn!(
+                    "{}: the {name} body is flipped in {flips} samples from {from_s} to {to_s} s; they are left out",
+                    self.name
+                );
+            });
+        }
+        Ok(Rest {
+            session: self.name.clone(),
+            hash: self.hash.clone(),
+            gauge_pa,
+            payload_kg: self.payload_kg,
+            bodies,
+            on_base: self.on_base,
+        })
+    }
+}
+
+/// Mean of the poses that differ from the one before: cameras that are slower than the log repeat theirs. Poses that are turned away
+/// from the middle one are left out, and `flipped` is called with their number.
+fn mean_pose(poses: impl Iterator<Item = Pose>, flipped: &dyn Fn(usize)) -> Option<Pose> {
+    let mut all: Vec<Pose> = poses.collect();
+    all.dedup();
+    // The one with most others near it.
+    let near = |p: &Pose| {
+        let others = all
+            .iter()
+            .filter(|q| p.rotation.angle_to(&q.rotation) < FLIPPED_RAD);
+        others.count()
+    };
+    let stride = all.len().div_ceil(50).max(1);
+    let typical = *all.iter().step_by(stride).max_by_key(|p| near(p))?;
+    let (kept, off): (Vec<Pose>, Vec<Pose>) = all
+        .iter()
+        .partition(|p| p.rotation.angle_to(&typical.rotation) < FLIPPED_RAD);
+    if !off.is_empty() {
+        flipped(off.len());
+    }
+    let sum = kept
+        .iter()
+        .map(|p| pose_error(p, &typical))
+        .fold(crate::signal::Vector6::zeros(), |a, b| a + b);
+    let mean = sum / kept.len() as f64;
+    let turn = nalgebra::UnitQuaternion::from_scaled_axis(mean.fixed_rows::<3>(3).into_owned());
+    Some(Pose::from_parts(
+        (typical.translation.vector + mean.fixed_rows::<3>(0)).into(),
+        turn * typical.rotation,
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    use super::*;
+
+    fn samples(moves_pa: f64) -> Samples {
+        let n = 100;
+        let pose = |k: usize| {
+            let flip = if k == 40 { std::f64::consts::PI } else { 0.0 };
+            // Cameras at half the rate of the log.
+            let z = -0.3 + 1e-3 * ((k / 2) % 2) as f64;
+            Pose::from_parts(
+                Vector3::new(0.0, 0.01, z).into(),
+                UnitQuaternion::from_euler_angles(0.0, 0.2 + flip, 0.0),
+            )
+        };
+        Samples {
+            name: "s".to_owned(),
+            hash: String::new(),
+            payload_kg: 0.0,
+            t_s: (0..n).map(|k| 0.1 * k as f64).collect(),
+            gauge_pa: (0..n)
+                .map(|k| [moves_pa * k as f64 / n as f64; CHAMBERS])
+                .collect(),
+            bodies: [vec![None; n], (0..n).map(|k| Some(pose(k))).collect()],
+            on_base: false,
+        }
+    }
+
+    #[test]
+    fn a_rest_is_the_mean_of_a_steady_window_without_flips() {
+        let rest = samples(1e3).mean([2.0, 8.0]).expect("steady");
+        assert!(
+            (rest.gauge_pa[0] - 495.0).abs() < 10.0,
+            "{:?}",
+            rest.gauge_pa
+        );
+        let end = rest.bodies[1].expect("captured");
+        assert!((end.translation.vector.z + 0.2995).abs() < 5e-5, "{end}");
+        assert!((end.rotation.angle() - 0.2).abs() < 1e-9);
+        assert_eq!(rest.bodies[0], None);
+    }
+
+    #[test]
+    fn what_is_not_at_rest_is_refused() {
+        let refused = |s: Samples, window| s.mean(window).expect_err("refused").to_string();
+        let text = refused(samples(20e3), [0.0, 10.0]);
+        assert!(text.contains("chamber 1 moves by"), "{text}");
+        let text = refused(samples(0.0), [20.0, 30.0]);
+        assert!(text.contains("0 samples from 20 to 30 s"), "{text}");
+    }
+}
