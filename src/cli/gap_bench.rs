@@ -77,6 +77,9 @@ pub struct BenchArgs {
     /// ones, chirps and a fixed list
     #[arg(long, conflicts_with_all = ["only", "shard", "discover"])]
     experiment: bool,
+    /// Let the finder judge the suspect sessions without motion capture; what only that could show is not hidden
+    #[arg(long, conflicts_with_all = ["discover", "experiment"])]
+    without_cameras: bool,
     /// Noise beyond that of the sensors, per cent of the standard deviation of each channel
     #[arg(long, value_name = "PERCENT", default_value = "0", value_parser = args::not_negative, conflicts_with = "experiment")]
     extra_noise: f64,
@@ -135,6 +138,7 @@ pub fn run(a: &BenchArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         noise_percent: a.extra_noise,
         finder: a.finder.clone(),
         discover: a.discover,
+        without_cameras: a.without_cameras,
         experiment: a.experiment,
     };
     // Cases and verdicts that are there are taken over, never replaced.

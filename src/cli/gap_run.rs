@@ -53,6 +53,9 @@ pub struct RunArgs {
     /// The window of the healthy sessions, where it is another one
     #[arg(long, value_name = "FROM:TO", value_parser = args::window, requires = "window")]
     baseline_window: Option<[f64; 2]>,
+    /// Leave out what the cameras recorded in each --session, as on a day without motion capture
+    #[arg(long, conflicts_with_all = ["window", "actuation_only"])]
+    without_cameras: bool,
     /// Seed of the chance sessions behind the threshold
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -151,7 +154,14 @@ fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
     let start = Instant::now();
     let (differences, note) = compared(a)?;
     let paths = [&a.baseline[..], &a.session, &a.prove];
-    let (healthy, suspects, options) = read(robot, paths, a.seed)?;
+    let (healthy, mut suspects, options) = read(robot, paths, a.seed)?;
+    if a.without_cameras {
+        let without = |g: Grid| Grid::new(g.session.without_cameras());
+        suspects = suspects
+            .into_iter()
+            .map(without)
+            .collect::<Result<_, _>>()?;
+    }
     let mut found = gap::find(
         robot,
         &table(&a.without)?,
@@ -180,6 +190,10 @@ fn at_rest(robot: &RobotSpec, a: &RunArgs, window: [f64; 2]) -> Result<Report> {
         reason = "wall time of the run, for the report"
     )]
     let start = Instant::now();
+    anyhow::ensure!(
+        !a.baseline.is_empty(),
+        "--window compares rests with healthy ones: name at least one with --baseline"
+    );
     let healthy_window = a.baseline_window.unwrap_or(window);
     let baseline = read_rests(robot, &a.baseline, healthy_window)?;
     let suspects = read_rests(robot, &a.session, window)?;

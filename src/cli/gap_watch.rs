@@ -42,12 +42,17 @@ pub fn run(a: &WatchArgs, robot: &RobotSpec) -> Result<Report> {
             d.ratio, d.channel, d.t_s
         ),
         (Some(d), Some(most)) => format!(
-            "Twin and arm disagree from {:.0} s on ({}), noticed at {:.0} s; at most {:.1} times the limit ({} at {:.0} s).",
-            d.since_s, d.channel, d.t_s, most.ratio, most.channel, most.t_s
+            "Twin and arm disagree from {:.0} s on ({}), noticed at {:.0} s; at most {:.1} times the limit ({} at {:.0} s).{}",
+            d.since_s,
+            d.channel,
+            d.t_s,
+            most.ratio,
+            most.channel,
+            most.t_s,
+            most.looks_like()
         ),
     };
-    let alarm =
-        |d: &Disagreement| json!({"at_s": d.t_s, "since_s": d.since_s, "channel": d.channel});
+    let alarm = |d: &Disagreement| json!({"at_s": d.t_s, "since_s": d.since_s, "channel": d.channel, "likely": d.likely});
     let course: Vec<_> = judged
         .iter()
         .map(|d| json!([d.t_s, d.ratio, d.channel]))

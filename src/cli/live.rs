@@ -64,6 +64,9 @@ pub struct RunArgs {
     /// A flat thing that the virtual rig's arm cannot enter: a point on it (mm) and the direction out of it
     #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", value_parser = args::obstacle, allow_hyphen_values = true)]
     pub obstacle: Option<Obstacle>,
+    /// Hide an effect in the virtual rig, as `rig --hide` does; the twin does not know it
+    #[arg(long, value_name = "ID[:TARGET][=VALUE,..][@S]")]
+    pub hide: Vec<Hidden>,
     /// Which controller steers
     #[arg(long, value_enum, default_value_t = Kind::Ours)]
     pub controller: Kind,
@@ -86,10 +89,15 @@ pub struct RunArgs {
 
 impl RunArgs {
     /// The virtual rig.
-    pub fn options(&self) -> RigOptions {
+    ///
+    /// # Errors
+    /// When something is to be hidden in boards that are not the virtual rig's.
+    pub fn options(&self) -> Result<RigOptions> {
+        args::hides_in_virtual(&self.hide, &self.rig)?;
         let mut options = rig_options(self.payload, self.seed);
         options.surroundings.obstacle = self.obstacle;
-        options
+        options.hidden.clone_from(&self.hide);
+        Ok(options)
     }
 
     /// The viewer to stream to.
@@ -189,7 +197,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
     }
     let twin = TwinBuilder::new(robot)
         .robot_file(robot_file)
-        .rig(&a.rig, a.options())
+        .rig(&a.rig, a.options()?)
         .gains(a.controller.gains())
         .instruments(a.instruments.plain())
         .rolling(user::rolling_folder(), a.rolling.of())

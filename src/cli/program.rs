@@ -217,7 +217,7 @@ fn run_twin(a: &live::RunArgs, c: &Context<'_>) -> Result<Report> {
         args::payload_in_range(c.robot, a.payload)?;
         let opening = window::Opening {
             rig: &a.rig,
-            options: a.options(),
+            options: a.options()?,
             kind: a.controller,
             stream: a.viewer(),
             drill: &a.drill,

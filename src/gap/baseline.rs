@@ -117,6 +117,11 @@ impl Commissioned {
         Ok(Cow::Owned(out))
     }
 
+    /// Of these channels those that the rig has shown, too.
+    pub fn in_common(&self, present: [bool; CHANNELS]) -> [bool; CHANNELS] {
+        std::array::from_fn(|c| present[c] && self.present[c])
+    }
+
     /// The arm as sessions show it that have only some of its channels.
     pub fn arm_in(&self, present: &[bool; CHANNELS]) -> Baseline {
         let rows = match &self.arm.healthy {

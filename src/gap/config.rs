@@ -97,6 +97,13 @@ pub struct FinderConfig {
     /// Limits of that average, in squares of what a rig in order has on average: of all channels together, and of one given the
     /// others. Development.
     pub monitor_limit: [f64; 2],
+    /// The same for what one effect of the table explains, per parameter. Development.
+    pub monitor_effect_limit: f64,
+    /// By so much the parameters of the arm's mechanics differ from posture to posture, as a share of their prior. Development.
+    pub monitor_posture: f64,
+    /// What an effect explains is averaged over more time while the arm rests, whose errors are then always the same: by this factor at
+    /// most a second counts less. Development.
+    pub monitor_at_rest: f64,
     /// The square of one second counts at most so much. Development.
     pub monitor_square_max: f64,
     /// What would be this far from a rig in order shows, and effects that are this far apart are separated, nats: about the
@@ -196,6 +203,9 @@ pub const CONFIG: FinderConfig = FinderConfig {
     heading_bend_rad_s: 3.3e-4,
     monitor_s: 30.0,
     monitor_limit: [5.0, 20.0],
+    monitor_effect_limit: 15.0,
+    monitor_posture: 0.05,
+    monitor_at_rest: 0.125,
     monitor_square_max: 60.0,
     experiment_nats: 20.0,
     experiment_visible: 0.9,

@@ -14,7 +14,7 @@ use crate::signal::CHAMBERS;
 use crate::sim::effects::{Parameter, Scene, Side, Trajectory};
 
 /// Two-sided 95 % quantile of the normal distribution: for a variance that is known.
-const NORMAL_95: f64 = 1.960;
+pub const NORMAL_95: f64 = 1.960;
 /// The same of Student's t with 11 degrees of freedom: for one that is estimated from twelve blocks.
 pub const T_95: f64 = 2.201;
 /// The two at 94 %. Of two estimates of one variance the larger counts: an interval then covers 96 % where both are right and

@@ -71,9 +71,19 @@ pub struct Belief {
     nothing: f64,
     /// Weight of each candidate, and the factor on its usual size.
     effects: Vec<(f64, f64)>,
+    /// Whether there are effects that could still take the place of what is named.
+    rivals: bool,
 }
 
+/// Weight of an effect that could take the place of one that is named.
+const RIVAL: f64 = 0.1;
+
 impl Belief {
+    /// Whether what is named is apart from every effect that could be told from it.
+    pub fn is_settled(&self) -> bool {
+        !self.rivals
+    }
+
     /// The candidates that may be missing.
     fn alive(&self) -> Vec<usize> {
         let all = 0..self.effects.len();
@@ -178,13 +188,47 @@ impl Design {
         Belief {
             nothing,
             effects: all.iter().map(|w| (w / sum, 1.0)).collect(),
+            rivals: false,
         }
     }
 
-    /// What is believed after a finding on all that was driven.
-    pub fn after(&self, finding: &Finding, driven: &Driven) -> Belief {
+    /// What is believed after a finding on all that was driven. Beside what is named stand the effects that could still take its
+    /// place: nothing driven so far sets them apart, and something that takes at most `left_s` would.
+    pub fn after(&self, finding: &Finding, driven: &Driven, left_s: f64) -> Belief {
         let f = finding;
-        self.believed(f.verdict, &f.effects, &f.candidates, driven)
+        let mut belief = self.believed(f.verdict, &f.effects, &f.candidates, driven);
+        if f.verdict == Verdict::Named {
+            for rival in self.rivals(&belief, driven, left_s) {
+                belief.effects[rival].0 = RIVAL;
+                belief.rivals = true;
+            }
+        }
+        belief
+    }
+
+    /// Effects that are not apart from one that is believed in, and would be after an excitation of at most `left_s`.
+    fn rivals(&self, belief: &Belief, driven: &Driven, left_s: f64) -> Vec<usize> {
+        let named = belief.alive();
+        let fits: Vec<DMatrix<f64>> = self
+            .shown
+            .iter()
+            .filter(|s| s.seconds <= left_s)
+            .map(|s| &driven.0 + &s.information)
+            .collect();
+        let rival = |b: &usize| {
+            named.iter().any(|&a| {
+                let way = self.first_way(a);
+                let apart = |information: &DMatrix<f64>| {
+                    self.least_apart(information, way, *b, belief.effects[a].1)
+                        >= CONFIG.experiment_nats
+                };
+                !apart(&driven.0) && fits.iter().any(apart)
+            })
+        };
+        (0..self.candidates.len())
+            .filter(|b| !named.contains(b))
+            .filter(rival)
+            .collect()
     }
 
     fn believed(
@@ -273,19 +317,22 @@ impl Design {
         let mut alive = belief.alive();
         alive.sort_by(|a, b| belief.effects[*b].0.total_cmp(&belief.effects[*a].0));
         match alive[..] {
-            [a, b, ..] if alive.len() <= FEW => {
-                let apart = |d: &Driven| {
+            [a, ..] if alive.len() > 1 && (belief.rivals || alive.len() <= FEW) => {
+                let apart = |b: usize, d: &Driven| {
                     let size = belief.effects[a].1;
                     self.least_apart(&d.0, self.first_way(a), b, size)
                 };
+                let others = alive[1..].iter().map(|b| (*b, apart(*b, driven)));
+                let nearest = others.min_by(|x, y| x.1.total_cmp(&y.1));
+                let (b, now) = nearest.unwrap_or((a, 0.0));
                 format!(
                     "'{}' for {:.0} s: {} and {} are expected to be {:.0} nats apart after it, {:.0} now",
                     shown.name,
                     shown.seconds,
                     self.label(a),
                     self.label(b),
-                    apart(&then),
-                    apart(driven)
+                    apart(b, &then),
+                    now
                 )
             }
             _ => format!(
@@ -448,6 +495,7 @@ mod tests {
         let both = Belief {
             nothing: 0.0,
             effects: vec![(1.0, 1.0), (1.0, 1.0)],
+            rivals: false,
         };
         let chosen = |all: &[(f64, [f64; 4])], left_s: f64| {
             let d = design(all);
@@ -459,6 +507,36 @@ mod tests {
         assert_eq!(chosen(&all[..2], 600.0), Some(1));
         assert_eq!(chosen(&all[..2], 40.0), Some(0));
         assert_eq!(chosen(&all, 20.0), None);
+    }
+
+    /// One that was driven under what shows both alike is a rival as long as something can set it apart in the time that is left.
+    #[test]
+    fn what_could_take_the_place_of_a_name_is_driven_before_it_counts() {
+        let d = design(&[(30.0, ALIKE), (60.0, APART)]);
+        let mut driven = d.nothing_driven();
+        d.drove(0, &mut driven);
+        let first = d.believed(Verdict::Named, &[named(&d, 0)], &[], &driven);
+        assert_eq!(d.rivals(&first, &driven, 60.0), [1]);
+        assert!(d.rivals(&first, &driven, 40.0).is_empty());
+        let mut belief = first.clone();
+        belief.effects[1].0 = RIVAL;
+        belief.rivals = true;
+        let proposed = d.next(&belief, &driven, 60.0).expect("an excitation");
+        assert_eq!(proposed.index, 1);
+        assert!(proposed.why.contains("apart after it"), "{}", proposed.why);
+        d.drove(1, &mut driven);
+        assert!(d.rivals(&first, &driven, 600.0).is_empty());
+    }
+
+    fn named(d: &Design, i: usize) -> FoundEffect {
+        FoundEffect {
+            id: d.candidates[i].effect.id.to_owned(),
+            side: String::new(),
+            target: None,
+            params: std::collections::BTreeMap::new(),
+            instead_of: None,
+            chosen_by: None,
+        }
     }
 
     #[test]

@@ -12,7 +12,7 @@ use super::config::CONFIG;
 use super::describe::{described, notes, range_pa, separate, undetermined, unique};
 use super::explain::{Column, Explained, admitted, columns, explain, significance_threshold};
 use super::finding::{
-    ChannelError, FailedFold, Finding, FoldChoice, FoundEffect, GapSize, Located, Onset, Verdict,
+    ChannelError, FailedFold, Finding, FoldChoice, FoundEffect, Located, Onset, Verdict,
     closed_excess,
 };
 use super::fit::{cost, fit};
@@ -104,12 +104,8 @@ impl Search<'_> {
             options,
             progress,
         } = *self;
-        let mut present = common_channels(suspects.iter().copied());
-        if let Some(healthy) = healthy {
-            for (here, there) in present.iter_mut().zip(healthy.present) {
-                *here &= there;
-            }
-        }
+        let present = common_channels(suspects.iter().copied());
+        let present = healthy.map_or(present, |h| h.in_common(present));
         if !present.contains(&true) {
             return Err(GapError::NothingCommon);
         }
@@ -288,15 +284,9 @@ impl Search<'_> {
             }
             _ => None,
         };
-        let data = origins(healthy, suspects);
-        let gap = if accepted.is_some() {
-            proof.gap
-        } else {
-            GapSize {
-                after: proof.gap.before,
-                closed: 0.0,
-                ..proof.gap
-            }
+        let gap = match accepted {
+            Some(_) => proof.gap,
+            None => proof.gap.left_open(),
         };
         let mut finding = Finding {
             verdict,
@@ -314,34 +304,23 @@ impl Search<'_> {
             onset: None,
             separate_by,
             notes,
-            data: data.clone(),
+            data: origins(
+                healthy.map_or_else(Vec::new, |h| h.sessions.clone()),
+                suspects
+                    .iter()
+                    .map(|g| &g.session)
+                    .map(|s| [s.name.clone(), s.hash.clone()])
+                    .collect(),
+            ),
             seconds: 0.0,
             traces: proof.traces,
         };
         if let Some(supply) = supply {
             found_effects.extend(add_supply(&mut finding, supply));
         }
-        let verdict = finding.verdict;
-        let mut patch = Patch {
-            version: VERSION,
-            name: format!("found in {}", data["session"]),
-            robot: robot.hash.clone(),
-            verdict: verdict_id(verdict).to_owned(),
-            data,
-            rig: BTreeMap::new(),
-            floor: floors(&baseline),
-            law: Vec::new(),
-            effects: found_effects
-                .into_iter()
-                .map(|e| PatchEffect {
-                    id: e.id,
-                    target: e.target,
-                    params: e.params,
-                })
-                .collect(),
-        };
         // What restarted with a session is not of the rig: the patch has what was commissioned.
-        patch.set_values(&baseline.values);
+        let mut patch = patch_of(robot, &finding, found_effects, &baseline.values);
+        patch.floor = floors(&baseline);
         let found = Found {
             finding,
             patch,
@@ -389,11 +368,38 @@ impl Search<'_> {
     }
 }
 
+/// The patch of a finding: what is known of the rig and the effects that were found.
+pub(super) fn patch_of(
+    robot: &RobotSpec,
+    finding: &Finding,
+    effects: Vec<FoundEffect>,
+    values: &[f64],
+) -> Patch {
+    let effects = effects.into_iter().map(|e| PatchEffect {
+        id: e.id,
+        target: e.target,
+        params: e.params,
+    });
+    let mut patch = Patch {
+        version: VERSION,
+        name: format!("found in {}", finding.data["session"]),
+        robot: robot.hash.clone(),
+        verdict: verdict_id(finding.verdict).to_owned(),
+        data: finding.data.clone(),
+        rig: BTreeMap::new(),
+        floor: BTreeMap::new(),
+        law: Vec::new(),
+        effects: effects.collect(),
+    };
+    patch.set_values(values);
+    patch
+}
+
 /// Names and hashes of the sessions.
-fn origins(healthy: Option<&Commissioned>, suspects: &[&Grid]) -> BTreeMap<String, String> {
-    let healthy = healthy.map_or_else(Vec::new, |h| h.sessions.clone());
-    let suspects = suspects.iter().map(|g| &g.session);
-    let suspects: Vec<[String; 2]> = suspects.map(|s| [s.name.clone(), s.hash.clone()]).collect();
+pub(super) fn origins(
+    healthy: Vec<[String; 2]>,
+    suspects: Vec<[String; 2]>,
+) -> BTreeMap<String, String> {
     let mut out = BTreeMap::new();
     for (key, sessions) in [("baseline", healthy), ("session", suspects)] {
         let all = |k: usize| {
@@ -620,7 +626,7 @@ fn unexplained(suspects: &[&Grid], before: &Misfit, floor: f64) -> Judged {
     }
 }
 
-pub(super) fn verdict_id(v: Verdict) -> &'static str {
+fn verdict_id(v: Verdict) -> &'static str {
     match v {
         Verdict::NothingMissing => "nothing-missing",
         Verdict::Named => "named",

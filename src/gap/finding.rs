@@ -92,15 +92,42 @@ pub struct GapSize {
 }
 
 impl GapSize {
+    /// From the errors before and after, and of a healthy session.
+    pub fn of([before, after, floor]: [f64; 3], unit: &str) -> Self {
+        Self {
+            before,
+            after,
+            floor,
+            closed: closed(before, after, floor),
+            unit: unit.to_owned(),
+        }
+    }
+
+    /// Where no effect is accepted.
+    pub fn left_open(self) -> Self {
+        Self {
+            after: self.before,
+            closed: 0.0,
+            ..self
+        }
+    }
+
     /// Whether there is a gap at all: errors beyond those of a healthy session.
     pub fn shows(&self) -> bool {
         self.before > CONFIG.at_floor * self.floor
     }
 }
 
+impl From<&ChannelError> for GapSize {
+    /// A floor that is not known counts as none.
+    fn from(c: &ChannelError) -> Self {
+        Self::of([c.before, c.after, c.floor.unwrap_or(0.0)], &c.unit)
+    }
+}
+
 /// Share of a gap that is closed: (before − after)/(before − floor), at most 1 where the rest lies below the floor, 0 where
 /// there is no gap. Values below 0 mean worse.
-pub fn closed(before: f64, after: f64, floor: f64) -> f64 {
+fn closed(before: f64, after: f64, floor: f64) -> f64 {
     match before > floor {
         true => ((before - after) / (before - floor)).min(1.0),
         false => 0.0,
@@ -165,6 +192,21 @@ pub struct Confirmed {
     pub gap: GapSize,
     /// All channel groups.
     pub channels: Vec<ChannelError>,
+}
+
+impl Confirmed {
+    /// From the errors in those sessions; `tip` is the channel group of the end pad's position.
+    pub fn of(sessions: Vec<String>, gap: GapSize, channels: Vec<ChannelError>, tip: &str) -> Self {
+        let tip = channels.iter().find(|c| c.name == tip);
+        Self {
+            sessions,
+            before_mm: tip.map(|c| c.before),
+            after_mm: tip.map(|c| c.after),
+            closed: gap.closed,
+            gap,
+            channels,
+        }
+    }
 }
 
 impl FoldChoice {

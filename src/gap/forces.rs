@@ -17,11 +17,10 @@ use super::{GapError, noise};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Pose};
 use crate::sim::effects::{Active, lagged_ramps};
+use crate::sim::sensors::{bellows_chords_m, bends_rad};
 
 /// Usual size of a tension, N.
 const USUAL_N: f64 = 20.0;
-/// Bins to either side of a rate of change.
-const RATE_BINS: usize = 2;
 /// Memory of the past that an input is less, s.
 const PAST_S: f64 = 3.0;
 /// A length that goes back by more than this has turned, m.
@@ -107,13 +106,7 @@ pub fn residual_forces(
     let present = common_channels(grids.iter().copied());
     let baseline = match healthy {
         None => factory(&present),
-        Some(rig) => {
-            let mut common = present;
-            for (here, there) in common.iter_mut().zip(rig.present) {
-                *here &= there;
-            }
-            rig.seen_from(robot)?.arm_in(&common)
-        }
+        Some(rig) => rig.seen_from(robot)?.arm_in(&rig.in_common(present)),
     };
     let replayed = Replayed::new(robot, grids, &baseline)?;
     let zero = replayed.rows(&[])?;
@@ -182,8 +175,9 @@ fn tensions(
 fn inputs(robot: &RobotSpec, run: &Run) -> Vec<[[f64; FORCE_INPUTS.len()]; CHAMBERS]> {
     let (grid, moved) = (&run.grid, &run.healthy);
     let pressure_pa = grid.binned(&grid.gauge_pa);
-    let shapes = moved.base_from_pad.iter().map(|pads| shape(robot, pads));
-    let (longer_m, bend_rad): (Vec<_>, Vec<_>) = shapes.unzip();
+    let pads = || moved.base_from_pad.iter();
+    let bend_rad: Vec<[f64; 2]> = pads().map(bends_rad).collect();
+    let longer_m: Vec<_> = pads().map(|pads| longer_m(robot, pads)).collect();
     let each = |of: &dyn Fn(usize) -> Vec<f64>| -> Vec<[f64; CHAMBERS]> {
         let series: [Vec<f64>; CHAMBERS] = std::array::from_fn(of);
         (0..grid.len())
@@ -195,25 +189,18 @@ fn inputs(robot: &RobotSpec, run: &Run) -> Vec<[[f64; FORCE_INPUTS.len()]; CHAMB
     let pressure_past = each(&|i| lagged_ramps(&grid.t_s, &of(&pressure_pa, i), PAST_S));
     let longer_past = each(&|i| lagged_ramps(&grid.t_s, &of(&longer_m, i), PAST_S));
     let way_m = each(&|i| way_since_turn(&of(&longer_m, i)));
-    let rate = |of: &[[f64; CHAMBERS]], k: usize, i: usize| {
-        let (a, b) = (
-            k.saturating_sub(RATE_BINS),
-            (k + RATE_BINS).min(of.len() - 1),
-        );
-        (of[b][i] - of[a][i]) / (grid.t_s[b] - grid.t_s[a])
-    };
     let at = |k: usize| {
         let p = pressure_pa[k];
         let sum = |segment: usize| -> f64 { p[3 * segment..3 * segment + 3].iter().sum() };
         std::array::from_fn(|i| {
             [
                 p[i],
-                rate(&pressure_pa, k, i),
+                grid.rate(&pressure_pa, k, i),
                 p[i] - pressure_past[k][i],
                 sum(i / 3) - p[i],
                 sum(1 - i / 3),
                 longer_m[k][i],
-                rate(&longer_m, k, i),
+                grid.rate(&longer_m, k, i),
                 longer_m[k][i] - longer_past[k][i],
                 way_m[k][i],
                 bend_rad[k][i / 3],
@@ -243,25 +230,17 @@ fn way_since_turn(lengths_m: &[f64]) -> Vec<f64> {
     lengths_m.iter().map(step).collect()
 }
 
-/// What each bellows is longer than at 0 Pa as an arc between its ends, and the bending of both segments.
-fn shape(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> ([f64; CHAMBERS], [f64; 2]) {
-    let axis = |pad: usize| base_from_pad[pad].rotation * nalgebra::Vector3::z();
-    let bend_rad = [0, 1].map(|s| axis(s).angle(&axis(s + 1)));
-    let longer_m = std::array::from_fn(|i| {
-        let segment = i / 3;
-        let bottom_m = robot.bellows_m[i];
-        let mut top_m = bottom_m;
-        if segment == 1 {
-            // Segment 2 starts at the middle pad's lower face.
-            top_m.z -= robot.pad_thickness_m;
-        }
-        let top = base_from_pad[segment] * nalgebra::Point3::from(top_m);
-        let bottom = base_from_pad[segment + 1] * nalgebra::Point3::from(bottom_m);
-        let half = 0.5 * bend_rad[segment];
+/// What each bellows is longer than at 0 Pa, as an arc between its ends.
+fn longer_m(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; CHAMBERS] {
+    let (straight_m, bend_rad) = (
+        bellows_chords_m(robot, base_from_pad),
+        bends_rad(base_from_pad),
+    );
+    std::array::from_fn(|i| {
+        let half = 0.5 * bend_rad[i / 3];
         let arc = if half > 1e-6 { half / half.sin() } else { 1.0 };
-        arc * (bottom - top).norm() - robot.rest_length_m
-    });
-    (longer_m, bend_rad)
+        arc * straight_m[i] - robot.rest_length_m
+    })
 }
 
 #[cfg(test)]

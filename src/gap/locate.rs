@@ -148,10 +148,7 @@ fn regressors_of(grid: &Grid) -> Vec<(String, DMatrix<f64>)> {
     let n = p.len();
     let dt_s = (grid.t_s[n - 1] - grid.t_s[0]) / (n - 1) as f64;
     let table = |f: &dyn Fn(usize, usize) -> f64, columns: usize| DMatrix::from_fn(n, columns, f);
-    let rate = |k: usize, i: usize| {
-        let (a, b) = (k.saturating_sub(2), (k + 2).min(n - 1));
-        (p[b][i] - p[a][i]) / (grid.t_s[b] - grid.t_s[a])
-    };
+    let rate = |k: usize, i: usize| grid.rate(&p, k, i);
     let slow = |tau_s: f64| {
         let pass = -(-dt_s / tau_s).exp_m1();
         let mut y = p.clone();

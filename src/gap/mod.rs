@@ -19,9 +19,11 @@ mod find;
 mod finding;
 mod fit;
 mod folds;
+mod follow;
 mod forces;
 mod heading;
 mod law;
+mod likely;
 mod locate;
 mod misfit;
 mod monitor;
@@ -72,7 +74,7 @@ pub use session::{
     same_robot,
 };
 
-pub use statics::{Predicted, Rest, find_at_rest, predict_rests};
+pub use statics::{Rest, find_at_rest};
 
 use rayon::prelude::*;
 

@@ -17,16 +17,16 @@ use super::GapError;
 use super::baseline::Commissioned;
 use super::commission::row_difference as difference;
 use super::config::CONFIG;
+use super::follow::{Follower, Moment};
+use super::likely::Likely;
 use super::problem::{USUAL_PA, USUAL_PA_S};
-use super::replay::{CalibrationParameter, Row, calibration_parameters, is_mechanical, residuals};
+use super::replay::{CalibrationParameter, Row, calibration_parameters, residuals};
 use super::session::{
     CHANNELS, GRID_HZ, Grid, IMU_0, Measured, SPRING_0, Session, channel_name, mean,
 };
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Disagreement, IMUS, Pose, SensorVec};
-use crate::sim::Model;
-use crate::sim::effects::{self, Active, EffectError, OnTheWay, Simulated};
-use crate::sim::patch::{self, Correction, motions};
+use crate::sim::effects::{self, Simulated};
 
 /// How much of the past is kept to take pressures and readings from, s.
 const KEPT_S: f64 = 10.0;
@@ -56,55 +56,10 @@ struct Second {
     errors: Row,
     /// What a unit of each parameter of `changed` and `read` changes in them.
     columns: Vec<Row>,
-    /// Variance of the model inadequacy, in squares of the floor.
-    inadequacy: f64,
-}
-
-/// The arm of some calibration parameters on its way.
-struct Follower {
-    values: Vec<f64>,
-    model: Model,
-    /// Effects of calibration and patches on motion, and those before the gauges.
-    moving: Vec<Active>,
-    mechanical: Vec<Active>,
-    way: OnTheWay,
-}
-
-impl Follower {
-    fn new(robot: &RobotSpec, values: Vec<f64>) -> Self {
-        let Correction {
-            values: all,
-            effects: mut moving,
-        } = Correction::known(robot).and(&values, &[]);
-        moving.extend(motions(&all));
-        Self {
-            model: patch::model(robot, &all),
-            mechanical: moving
-                .iter()
-                .filter(|a| is_mechanical(a))
-                .cloned()
-                .collect(),
-            moving,
-            values,
-            way: OnTheWay::default(),
-        }
-    }
-
-    fn go_on(
-        &mut self,
-        course: (&[f64], &[[f64; CHAMBERS]]),
-        from: usize,
-        payload_kg: &[f64],
-    ) -> Result<Simulated, EffectError> {
-        effects::go_on(
-            &mut self.way,
-            &self.model,
-            course,
-            from,
-            payload_kg,
-            &self.mechanical,
-        )
-    }
+    /// What a usual size of each effect changes in them.
+    effects: Vec<Vec<Row>>,
+    /// Pressures of the bins up to its end.
+    gauge_pa: Vec<[f64; CHAMBERS]>,
 }
 
 /// The monitor.
@@ -128,11 +83,12 @@ pub struct Monitor {
     /// When another load was declared last, s.
     rests_from_s: Option<f64>,
     judged_s: Option<f64>,
-    before: Option<(f64, [f64; CHAMBERS])>,
+    before_s: Option<f64>,
     bins: VecDeque<Bin>,
     headings: [Heading; IMUS],
     all: Level,
     each: [Level; JUDGED],
+    likely: Likely,
 }
 
 /// Mean of a square over the last seconds, and when it was last that of a rig in order.
@@ -183,20 +139,30 @@ impl Monitor {
         let places: Vec<usize> = all.map(|(i, _)| *i).collect();
         let spread = DMatrix::from_fn(places.len(), places.len(), |a, b| {
             let (a, b) = (places[a], places[b]);
-            let between = if a == b { rig.arm.between[a] } else { 0.0 };
-            rig.arm.covariance[(a, b)] + between
+            let covariance = rig.arm.covariance[(a, b)];
+            if a != b {
+                return covariance;
+            }
+            // What holds in one posture holds in the next about.
+            let k = parameters[a];
+            let there = match k.is_mechanical() {
+                true => CONFIG.monitor_posture * k.prior(),
+                false => 0.0,
+            };
+            covariance + rig.arm.between[a] + there * there
         });
         let with = |(i, change): (usize, f64)| {
             let mut values = values.clone();
             values[i] += change;
-            (i, change, Follower::new(robot, values))
+            (i, change, Follower::new(robot, values, &[]))
         };
         let floors = rig.arm.channel_floor;
         let (noise, floor) = of_seconds(rig.arm.healthy.as_deref().unwrap_or_default(), &floors);
         Ok(Self {
             changed: changed.into_iter().map(with).collect(),
-            arm: Follower::new(robot, values.clone()),
-            coarse: Follower::new(robot, values),
+            likely: Likely::new(robot, &effects::table(), &rig.present, &values),
+            arm: Follower::new(robot, values.clone(), &[]),
+            coarse: Follower::new(robot, values, &[]),
             robot: robot.clone(),
             read,
             spread,
@@ -207,7 +173,7 @@ impl Monitor {
             began_s: None,
             rests_from_s: None,
             judged_s: None,
-            before: None,
+            before_s: None,
             bins: VecDeque::new(),
             headings: std::array::from_fn(|i| Heading::new(floors[IMU_0 + 3 * i + 2], drift[i])),
             all: Level::default(),
@@ -257,11 +223,12 @@ impl Monitor {
     fn begin_again(&mut self) {
         self.samples.clear();
         self.bins.clear();
-        (self.began_s, self.judged_s, self.before) = (None, None, None);
+        (self.began_s, self.judged_s, self.before_s) = (None, None, None);
         let changed = self.changed.iter_mut().map(|(_, _, arm)| arm);
-        for arm in changed.chain([&mut self.arm, &mut self.coarse]) {
-            arm.way = OnTheWay::default();
-        }
+        changed
+            .chain([&mut self.arm, &mut self.coarse])
+            .for_each(Follower::begin_again);
+        self.likely.begin_again();
         // Filters of orientation begin again after a gap, too.
         self.headings
             .iter_mut()
@@ -306,8 +273,28 @@ impl Monitor {
         let rows = residuals(&self.robot, &own, &bins, &self.arm.values, &[]);
         let errors = mean_row(&rows[rows.len() - (to - from)..]);
         let last = &rows[rows.len() - 1];
-        let now = (grid.t_s[to - 1], chamber_pa[to - 1]);
-        let mut columns = self.changed_motions(now, payload_kg[to - 1])?;
+        let mut now = own.clone();
+        let before = now.len() - 1;
+        now.t_s.drain(..before);
+        now.sensors.drain(..before);
+        now.captured.drain(..before);
+        let mut moment = Moment {
+            tail: (&own, &bins),
+            last,
+            values: &self.arm.values,
+            pressures: (&grid, to),
+            before_s: self.before_s.replace(grid.t_s[to - 1]),
+            chamber_pa: chamber_pa[to - 1],
+            payload_kg: payload_kg[to - 1],
+            now,
+            coarse: [f64::NAN; CHANNELS],
+        };
+        moment.coarse = moment.moved(&self.robot, &mut self.coarse, &[])?;
+        let mut columns = Vec::new();
+        for (_, change, arm) in &mut self.changed {
+            let row = moment.moved(&self.robot, arm, &[])?;
+            columns.push(difference(&moment.coarse, &row, *change));
+        }
         for (i, change) in &self.read {
             let mut values = self.arm.values.clone();
             values[*i] += change;
@@ -315,40 +302,11 @@ impl Monitor {
             columns.push(difference(last, &shifted[shifted.len() - 1], *change));
         }
         Some(Second {
+            effects: self.likely.columns(&self.robot, &moment),
             errors,
             columns,
-            inadequacy: inadequacy(&grid.binned(gauge_pa)),
+            gauge_pa: grid.binned(gauge_pa),
         })
-    }
-
-    /// What a unit of each parameter of `changed` changes in the readings, after a step to these pressures.
-    fn changed_motions(
-        &mut self,
-        (t_s, chamber_pa): (f64, [f64; CHAMBERS]),
-        payload_kg: f64,
-    ) -> Option<Vec<Row>> {
-        let (times, pressures) = match self.before.replace((t_s, chamber_pa)) {
-            Some((before_s, before_pa)) => (vec![before_s, t_s], vec![before_pa, chamber_pa]),
-            None => (vec![t_s], vec![chamber_pa]),
-        };
-        let course = (&times[..], &pressures[..]);
-        let from = times.len() - 1;
-        let (mut now, _) = self.tail();
-        let last = now.len() - 1;
-        now.t_s.drain(..last);
-        now.sensors.drain(..last);
-        now.captured.drain(..last);
-        let robot = &self.robot;
-        let row = |arm: &mut Follower| -> Option<Row> {
-            let mut moved = arm.go_on(course, from, &[payload_kg]).ok()?;
-            moved.chamber_pa = vec![chamber_pa];
-            Some(residuals(robot, &now, &moved, &arm.values, &[])[0])
-        };
-        let base = row(&mut self.coarse)?;
-        self.changed
-            .iter_mut()
-            .map(|(_, change, arm)| Some(difference(&base, &row(arm)?, *change)))
-            .collect()
     }
 
     /// The last bins as a session and as predicted, headings as expected.
@@ -388,8 +346,10 @@ impl Monitor {
         let Second {
             errors,
             columns,
-            inadequacy,
+            effects,
+            gauge_pa,
         } = second;
+        let inadequacy = inadequacy(gauge_pa);
         let known: Vec<usize> = (0..JUDGED)
             .filter(|c| errors[SPRING_0 + c].is_finite() && self.floor[*c].is_finite())
             .collect();
@@ -412,8 +372,13 @@ impl Monitor {
         for (a, c) in known.iter().enumerate() {
             self.each[*c].add(weighed[a].powi(2) / inverse[(a, a)], t_s);
         }
-        self.all
-            .add(e.dot(&weighed) / known.len().max(1) as f64, t_s);
+        let square = e.dot(&weighed) / known.len().max(1) as f64;
+        self.all.add(square, t_s);
+        // One second that is far off is a blow.
+        let least = (CONFIG.monitor_square_max / square).min(1.0).sqrt();
+        let new = moves(gauge_pa).clamp(CONFIG.monitor_at_rest, 1.0) / CONFIG.monitor_s;
+        self.likely
+            .add(effects, &known, (&inverse, &(weighed * least)), (t_s, new));
     }
 
     fn worst(&self, t_s: f64) -> Disagreement {
@@ -423,34 +388,29 @@ impl Monitor {
         };
         let (worst, one) = largest(&|c| self.each[c].mean, JUDGED);
         let (imu, drift) = largest(&|i| self.headings[i].excess(), IMUS);
+        let suspects = self.likely.best();
+        let [all_max, one_max] = CONFIG.monitor_limit;
+        let turns = format!("drift of IMU {}", imu + 1);
+        // What was tested, over its limit, and when it was last as in a rig in order.
+        let mut tests = vec![
+            ((self.all.mean / all_max).sqrt(), self.all.quiet_s, None),
+            ((one / one_max).sqrt(), self.each[worst].quiet_s, None),
+            (drift, self.headings[imu].quiet_s, Some(turns)),
+        ];
+        tests.extend(suspects.first().map(|s| (s.ratio.sqrt(), s.since_s, None)));
         log::debug!(
-            "{t_s:.1} s: all {:.2}, {} {one:.2}, drift of IMU {} {drift:.2}",
-            self.all.mean,
-            channel_name(SPRING_0 + worst),
-            imu + 1
+            "{t_s:.1} s: all, one, drift, effects: {:.2?}; {suspects:.2?}",
+            tests.iter().map(|test| test.0).collect::<Vec<_>>()
         );
-        let all = self.all.mean / CONFIG.monitor_limit[0];
-        let one = one / CONFIG.monitor_limit[1];
-        let channel = |ratio: f64, since_s: f64| Disagreement {
+        let most = tests.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+        let (ratio, since_s, channel) = most.unwrap_or((0.0, t_s, None));
+        Disagreement {
             t_s,
-            ratio: ratio.sqrt(),
-            channel: channel_name(SPRING_0 + worst),
+            ratio,
+            channel: channel.unwrap_or_else(|| channel_name(SPRING_0 + worst)),
             since_s,
-        };
-        let of_all = channel(all, self.all.quiet_s);
-        let of_one = channel(one, self.each[worst].quiet_s);
-        let of_drift = Disagreement {
-            t_s,
-            ratio: drift,
-            channel: format!("drift of IMU {}", imu + 1),
-            since_s: self.headings[imu].quiet_s,
-        };
-        [of_one, of_drift]
-            .into_iter()
-            .fold(of_all, |most, next| match next.ratio > most.ratio {
-                true => next,
-                false => most,
-            })
+            likely: suspects.into_iter().map(|s| s.name).collect(),
+        }
     }
 }
 
@@ -472,14 +432,21 @@ fn of_seconds(rows: &[Row], floors: &Row) -> (DMatrix<f64>, DVector<f64>) {
 
 /// Variance of the model inadequacy at the last of these pressures, bin by bin, in squares of the floor.
 fn inadequacy(chamber_pa: &[[f64; CHAMBERS]]) -> f64 {
+    let level = chamber_pa.last().map_or(0.0, |now| {
+        now.iter().map(|p| (p / USUAL_PA).powi(2)).sum::<f64>()
+    });
+    CONFIG.inadequacy.powi(2) * (1.0 + level)
+        + CONFIG.inadequacy_rate.powi(2) * moves(chamber_pa).powi(2)
+}
+
+/// How far the pressures have moved in the last second, bin by bin, over what is usual.
+fn moves(chamber_pa: &[[f64; CHAMBERS]]) -> f64 {
     let second_ago = chamber_pa.len().saturating_sub(GRID_HZ as usize);
     let (Some(now), Some(then)) = (chamber_pa.last(), chamber_pa.get(second_ago)) else {
         return 0.0;
     };
-    let level: f64 = now.iter().map(|p| (p / USUAL_PA).powi(2)).sum();
     let rates = now.iter().zip(then).map(|(a, b)| (a - b) / USUAL_PA_S);
-    let rate: f64 = rates.map(|r| r * r).sum();
-    CONFIG.inadequacy.powi(2) * (1.0 + level) + CONFIG.inadequacy_rate.powi(2) * rate
+    rates.map(|r| r * r).sum::<f64>().sqrt()
 }
 
 /// Mean of every channel where it was measured.

@@ -15,9 +15,7 @@ use super::commission::Baseline;
 use super::config::CONFIG;
 use super::describe::T_95;
 use super::explain::Explained;
-use super::finding::{
-    ChannelError, Confirmed, FailedFold, Finding, FoldChoice, GapSize, Traces, closed,
-};
+use super::finding::{ChannelError, Confirmed, FailedFold, Finding, FoldChoice, GapSize, Traces};
 use super::fit::fit;
 use super::folds::{Fold, folds};
 use super::noise::bridged;
@@ -58,7 +56,7 @@ struct Group {
 }
 
 /// The group of the end pad's position.
-const TIP: &str = "r2 tip position";
+pub(super) const TIP: &str = "r2 tip position";
 
 fn groups() -> Vec<Group> {
     let one = |name: String, channels, unit, factor| Group {
@@ -213,19 +211,9 @@ pub fn confirm(replayed: &Replayed, effects: &[Active]) -> Result<Confirmed, Gap
     let after = bridged(&replayed.rows(effects)?);
     let channels = errors(replayed, &before, &after, None);
     let gap = size_of(&channels, effects);
-    let tip = channels.iter().find(|c| c.name == TIP);
-    Ok(Confirmed {
-        sessions: replayed
-            .runs
-            .iter()
-            .map(|r| r.grid.session.name.clone())
-            .collect(),
-        before_mm: tip.map(|c| c.before),
-        after_mm: tip.map(|c| c.after),
-        closed: gap.closed,
-        gap,
-        channels,
-    })
+    let runs = replayed.runs.iter();
+    let sessions = runs.map(|r| r.grid.session.name.clone()).collect();
+    Ok(Confirmed::of(sessions, gap, channels, TIP))
 }
 
 /// How long the slowest thing in play is remembered, bins: the healthy rig's residuals, or an effect.
@@ -440,14 +428,7 @@ fn size_of(channels: &[ChannelError], effects: &[Active]) -> GapSize {
     let Some(c) = own.or(largest) else {
         return GapSize::default();
     };
-    let floor = c.floor.unwrap_or(0.0);
-    GapSize {
-        before: c.before,
-        after: c.after,
-        floor,
-        closed: closed(c.before, c.after, floor),
-        unit: c.unit.clone(),
-    }
+    GapSize::from(c)
 }
 
 /// Place (m) and turn (quaternion w, x, y, z) of a pose; not finite where there is none.

@@ -43,6 +43,12 @@ impl Session {
 }
 
 impl Session {
+    /// What is left of it on a day without motion capture.
+    pub fn without_cameras(mut self) -> Self {
+        self.captured.fill(None);
+        self
+    }
+
     /// Every `step`-th sample.
     pub fn thinned(&self, step: usize) -> Self {
         fn kept<T: Clone>(all: &[T], step: usize) -> Vec<T> {
@@ -492,6 +498,12 @@ impl Grid {
                 session: self.session.name.clone(),
             }),
         }
+    }
+
+    /// How fast a value of every bin changes, over two bins to either side, per second.
+    pub fn rate(&self, of: &[[f64; CHAMBERS]], k: usize, i: usize) -> f64 {
+        let (a, b) = (k.saturating_sub(2), (k + 2).min(of.len() - 1));
+        (of[b][i] - of[a][i]) / (self.t_s[b] - self.t_s[a])
     }
 
     /// Number of bins.

@@ -6,7 +6,7 @@ use super::actuation::{
     supply_stages,
 };
 use super::candidates::{Candidate, Table};
-use super::finding::{Confirmed, Finding, FoundEffect, GapSize, Verdict, closed};
+use super::finding::{Confirmed, Finding, FoundEffect, GapSize, Verdict};
 use super::session::Grid;
 use super::{GapError, Progress};
 use crate::robot::RobotSpec;
@@ -63,21 +63,8 @@ fn confirmed(
     }
     let mean_kpa = |square: f64| (square / sessions.len() as f64).sqrt() / 1e3;
     let [before, after] = squares.map(mean_kpa);
-    let gap = GapSize {
-        before,
-        after,
-        floor: floor_kpa,
-        closed: closed(before, after, floor_kpa),
-        unit: "kPa".to_owned(),
-    };
-    Ok((!sessions.is_empty()).then(|| Confirmed {
-        sessions,
-        before_mm: None,
-        after_mm: None,
-        closed: gap.closed,
-        gap,
-        channels: Vec::new(),
-    }))
+    let gap = GapSize::of([before, after, floor_kpa], "kPa");
+    Ok((!sessions.is_empty()).then(|| Confirmed::of(sessions, gap, Vec::new(), "")))
 }
 
 /// Whether the way from command to gauge has already named it.

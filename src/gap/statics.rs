@@ -9,18 +9,17 @@
 //! is, so the interval of a mass has all that an unknown stiffness leaves open. An effect is proved on suspect rests that were left
 //! out of the fit one after the other, and on rests that had no part in it.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 
 use super::candidates::{Candidate, Table, candidates};
 use super::config::CONFIG;
-use super::describe::side;
-use super::find::{Found, verdict_id};
+use super::describe::{NORMAL_95, side};
+use super::find::{Found, origins, patch_of};
 use super::finding::{
-    ChannelError, Confirmed, Finding, FoundEffect, GapSize, Ranked, Traces, Verdict, closed,
+    ChannelError, Confirmed, Finding, FoundEffect, GapSize, Ranked, Traces, Verdict,
 };
-use super::patch::{Patch, PatchEffect, PatchValue, VERSION};
+use super::patch::PatchValue;
+use super::prove::TIP;
 use super::replay::{
     CalibrationParameter, calibration_parameters, is_mechanical, nominal, pad_from_body,
 };
@@ -50,8 +49,8 @@ pub struct Rest {
 /// A calibration parameter that rests show.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Unknown {
-    /// Index among the calibration parameters.
-    Rig(usize),
+    /// A calibration parameter and its index among them.
+    Rig(usize, CalibrationParameter),
     /// The tracked body on the middle pad: x, y, z (m), rotation vector (rad).
     MiddleBody(usize),
 }
@@ -74,7 +73,7 @@ const SHARED: f64 = 3.0;
 const GROUPS: [(&str, usize, usize, &str); 4] = [
     ("r2 middle position", 0, 0, "mm"),
     ("r2 middle rotation", 0, 3, "deg"),
-    ("r2 tip position", 1, 0, "mm"),
+    (TIP, 1, 0, "mm"),
     ("r2 tip rotation", 1, 3, "deg"),
 ];
 
@@ -95,7 +94,7 @@ fn unknowns(u: &Uncertainty) -> Vec<(Unknown, f64)> {
             CalibrationParameter::Body(k) => body(k),
             _ => return None,
         };
-        Some((Unknown::Rig(i), sd))
+        Some((Unknown::Rig(i, p), sd))
     });
     let middle = (0..6).map(|k| (Unknown::MiddleBody(k), body(k)));
     rig.chain(middle).collect()
@@ -118,10 +117,7 @@ impl Rig {
 
     fn set(&mut self, unknown: Unknown, value: f64) {
         match unknown {
-            Unknown::Rig(i) => {
-                let p = calibration_parameters()[i];
-                self.values[i] = (p.nominal() + value).max(p.least());
-            }
+            Unknown::Rig(i, p) => self.values[i] = (p.nominal() + value).max(p.least()),
             Unknown::MiddleBody(k) => self.middle[k] = value,
         }
     }
@@ -221,18 +217,18 @@ impl Search<'_> {
     /// Errors in units of how well a rest repeats, and the departures of the unknowns in units of theirs.
     fn residual(
         &self,
-        rig: &Rig,
         theta: &DVector<f64>,
         hypothesis: &Hypothesis,
         suspects: &[&Rest],
     ) -> Result<DVector<f64>, EffectError> {
+        let rig = self.rig(theta);
         let sds = repeats(&self.robot.uncertainty);
         let mut out = Vec::new();
         let active = hypothesis.active();
         let healthy = self.baseline.iter().map(|r| (r, &[][..]));
         let suspect = suspects.iter().map(|r| (*r, &active[..]));
         for (rest, acting) in healthy.chain(suspect) {
-            let e = errors(&predicted(self.robot, rig, rest, acting)?, rest);
+            let e = errors(&predicted(self.robot, &rig, rest, acting)?, rest);
             for (i, e) in e.iter().enumerate().filter(|(_, e)| e.is_finite()) {
                 out.push(e / sds[i]);
             }
@@ -264,9 +260,7 @@ impl Search<'_> {
             .map(|(part, i)| hypothesis.parts[*part].0.scale()[*i].abs().max(1e-9))
             .collect();
         let (mut theta, mut hypothesis) = (theta.clone(), hypothesis.clone());
-        let of = |theta: &DVector<f64>, h: &Hypothesis| {
-            self.residual(&self.rig(theta), theta, h, suspects).ok()
-        };
+        let of = |theta: &DVector<f64>, h: &Hypothesis| self.residual(theta, h, suspects).ok();
         let mut r = of(&theta, &hypothesis)?;
         let mut damping = 1e-3;
         let mut normal = DMatrix::zeros(n + k, n + k);
@@ -488,49 +482,9 @@ fn channels(
 }
 
 fn gap(channels: &[ChannelError]) -> GapSize {
-    let tip = channels.iter().find(|c| c.name == GROUPS[2].0);
-    tip.or(channels.first()).map_or_else(GapSize::default, |c| {
-        let floor = c.floor.unwrap_or(0.0);
-        GapSize {
-            before: c.before,
-            after: c.after,
-            floor,
-            closed: closed(c.before, c.after, floor),
-            unit: c.unit.clone(),
-        }
-    })
-}
-
-/// How far rests are from what the others predict, without and with what was found.
-pub struct Predicted {
-    /// The rest.
-    pub session: String,
-    /// Errors of the middle and the end pad's position, mm.
-    pub position_mm: [f64; 2],
-    /// Errors of their turn, deg.
-    pub turn_deg: [f64; 2],
-}
-
-/// Commissions the rig by the `baseline` rests and predicts `others`.
-///
-/// # Errors
-/// [`GapError`] when the arm cannot stand like that, or nothing was measured.
-pub fn predict_rests(
-    robot: &RobotSpec,
-    baseline: &[Rest],
-    others: &[Rest],
-) -> Result<Vec<Predicted>, GapError> {
-    let search = Search::new(robot, baseline)?;
-    let fitted = search.commission(&[])?;
-    let of = |rest: &Rest| {
-        let e = [search.errors(&fitted, rest, false)?];
-        Ok(Predicted {
-            session: rest.session.clone(),
-            position_mm: [size(&e, GROUPS[0]), size(&e, GROUPS[2])],
-            turn_deg: [size(&e, GROUPS[1]), size(&e, GROUPS[3])],
-        })
-    };
-    others.iter().map(of).collect()
+    let tip = channels.iter().find(|c| c.name == TIP);
+    tip.or(channels.first())
+        .map_or_else(GapSize::default, GapSize::from)
 }
 
 impl<'a> Search<'a> {
@@ -668,9 +622,7 @@ pub fn find_at_rest(
             .iter()
             .filter(|f| {
                 let behind = score(best) - score(f);
-                f.hypothesis.leads() != best.hypothesis.leads()
-                    && behind < RIVAL_NATS.max(RIVAL_SHARE * gain(best))
-                    && !contains(best, f)
+                behind < RIVAL_NATS.max(RIVAL_SHARE * gain(best)) && !contains(best, f)
             })
             .collect(),
         None => Vec::new(),
@@ -702,11 +654,7 @@ pub fn find_at_rest(
     };
     let gap = match named {
         Some(_) => gap_size,
-        None => GapSize {
-            after: gap_size.before,
-            closed: 0.0,
-            ..gap_size
-        },
+        None => gap_size.left_open(),
     };
     let finding = Finding {
         verdict,
@@ -724,30 +672,13 @@ pub fn find_at_rest(
         proof,
         separate_by: None,
         notes,
-        data: data(baseline, suspects),
+        data: origins(named_and_hashed(baseline), named_and_hashed(suspects)),
         seconds: 0.0,
         traces: Traces::default(),
     };
-    let mut patch = Patch {
-        version: VERSION,
-        name: format!("found in {}", finding.data["session"]),
-        robot: robot.hash.clone(),
-        verdict: verdict_id(verdict).to_owned(),
-        data: finding.data.clone(),
-        rig: BTreeMap::new(),
-        floor: BTreeMap::new(),
-        law: Vec::new(),
-        effects: found
-            .into_iter()
-            .filter(|e| e.instead_of.is_none())
-            .map(|e| PatchEffect {
-                id: e.id,
-                target: e.target,
-                params: e.params,
-            })
-            .collect(),
-    };
-    patch.set_values(&named.unwrap_or(&healthy).rig.values);
+    found.retain(|e| e.instead_of.is_none());
+    let values = &named.unwrap_or(&healthy).rig.values;
+    let patch = patch_of(robot, &finding, found, values);
     Ok(Found {
         gain: named.map_or(0.0, gain),
         finding,
@@ -777,7 +708,12 @@ fn described(fitted: &Fitted, instead_of: Option<usize>) -> Vec<FoundEffect> {
         let params = parameters.map(|(i, (p, v))| {
             let j = moved.iter().position(|m| *m == (k, i));
             let [low, high] = p.bounds;
-            let reach = |sd: f64| [(v - 1.96 * sd).max(low), (v + 1.96 * sd).min(high)];
+            let reach = |sd: f64| {
+                [
+                    (v - NORMAL_95 * sd).max(low),
+                    (v + NORMAL_95 * sd).min(high),
+                ]
+            };
             let value = PatchValue {
                 value: *v,
                 unit: p.unit.to_owned(),
@@ -827,29 +763,15 @@ fn confirmed(
         floor,
         &repeats(&search.robot.uncertainty),
     );
-    let gap = gap(&channels);
-    let tip = channels.iter().find(|c| c.name == GROUPS[2].0);
-    Ok(Confirmed {
-        sessions: prove.iter().map(|r| r.session.clone()).collect(),
-        before_mm: tip.map(|c| c.before),
-        after_mm: tip.map(|c| c.after),
-        closed: gap.closed,
-        gap,
-        channels,
-    })
+    let sessions = prove.iter().map(|r| r.session.clone()).collect();
+    Ok(Confirmed::of(sessions, gap(&channels), channels, TIP))
 }
 
-fn data(baseline: &[Rest], suspects: &[Rest]) -> BTreeMap<String, String> {
-    let names = |all: &[Rest], of: fn(&Rest) -> &str| {
-        let each: Vec<&str> = all.iter().map(of).collect();
-        each.join(", ")
-    };
-    BTreeMap::from([
-        ("baseline".to_owned(), names(baseline, |r| &r.session)),
-        ("baseline_sha256".to_owned(), names(baseline, |r| &r.hash)),
-        ("session".to_owned(), names(suspects, |r| &r.session)),
-        ("session_sha256".to_owned(), names(suspects, |r| &r.hash)),
-    ])
+fn named_and_hashed(rests: &[Rest]) -> Vec<[String; 2]> {
+    rests
+        .iter()
+        .map(|r| [r.session.clone(), r.hash.clone()])
+        .collect()
 }
 
 #[cfg(test)]

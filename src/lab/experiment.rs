@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use super::session::{Drive, Excitation};
 use crate::gap::{
-    self, CONFIG, Commissioned, Design, Found, FoundEffect, Grid, Healthy, Options, Possible,
-    Progress, Table, Verdict,
+    self, Belief, CONFIG, Commissioned, Design, Found, FoundEffect, Grid, Healthy, Options,
+    Possible, Progress, Table, Verdict,
 };
 use crate::robot::RobotSpec;
 use crate::sim::dataset::sample_rng;
@@ -200,7 +200,8 @@ impl Experiment<'_> {
             let found = gap::find(self.robot, self.table, healthy, &grids, &options, progress)?;
             if let (Some(design), Some(driven)) = (&design, &mut driven) {
                 design.drove(index, driven);
-                belief = Some(design.after(&found.finding, driven));
+                let left_s = left_s - SECONDS[index % ENDS];
+                belief = Some(design.after(&found.finding, driven, left_s));
             }
             let visible = design
                 .as_ref()
@@ -215,7 +216,8 @@ impl Experiment<'_> {
                 effects: found.finding.effects.clone(),
                 visible,
             });
-            let decided = decided(&found, before, visible);
+            let settled = belief.as_ref().is_none_or(Belief::is_settled);
+            let decided = decided(&found, before, (visible, settled));
             out.found = Some(found);
             if let Some(ended) = decided {
                 out.ended = ended;
@@ -226,11 +228,18 @@ impl Experiment<'_> {
     }
 }
 
-/// Why nothing more has to be driven; none while something is open.
-fn decided(found: &Found, before: Option<Verdict>, visible: Option<f64>) -> Option<&'static str> {
+/// Why nothing more has to be driven; none while something is open. `settled`: nothing that could be driven would set what is
+/// named further apart from what could take its place.
+fn decided(
+    found: &Found,
+    before: Option<Verdict>,
+    (visible, settled): (Option<f64>, bool),
+) -> Option<&'static str> {
     let finding = &found.finding;
     match finding.verdict {
-        Verdict::Named if finding.sure_and_open().1.is_empty() => Some("The effect is named."),
+        Verdict::Named if settled && finding.sure_and_open().1.is_empty() => {
+            Some("The effect is named.")
+        }
         Verdict::NothingMissing
             if visible.is_some_and(|share| share >= CONFIG.experiment_visible) =>
         {

@@ -89,20 +89,38 @@ struct Body {
 }
 
 /// Standard deviations of what is not measured; those that an arm by its drawing has where a key is missing.
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Deserialize)]
+#[serde(default, deny_unknown_fields)]
 struct Uncertain {
-    area: Option<f64>,
-    axial_stiffness: Option<f64>,
-    bending_stiffness: Option<f64>,
-    torsional_stiffness: Option<f64>,
-    rest_length: Option<f64>,
-    hardening: Option<f64>,
-    mass: Option<f64>,
-    body_mm: Option<f64>,
-    body_deg: Option<f64>,
-    repeat_mm: Option<f64>,
-    repeat_deg: Option<f64>,
+    area: f64,
+    axial_stiffness: f64,
+    bending_stiffness: f64,
+    torsional_stiffness: f64,
+    rest_length: f64,
+    hardening: f64,
+    mass: f64,
+    body_mm: f64,
+    body_deg: f64,
+    repeat_mm: f64,
+    repeat_deg: f64,
+}
+
+impl Default for Uncertain {
+    fn default() -> Self {
+        Self {
+            area: 0.03,
+            axial_stiffness: 0.05,
+            bending_stiffness: 0.1,
+            torsional_stiffness: 0.2,
+            rest_length: 0.005,
+            hardening: 0.3,
+            mass: 0.05,
+            body_mm: 2.0,
+            body_deg: 0.02_f64.to_degrees(),
+            repeat_mm: 1.0,
+            repeat_deg: 0.01_f64.to_degrees(),
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -339,24 +357,22 @@ fn body(b: &Body) -> Pose {
 
 impl Uncertain {
     fn spec(&self) -> Uncertainty {
-        let usual = Uncertainty::default();
-        let of = |own: Option<f64>, usual: f64| own.unwrap_or(usual);
         Uncertainty {
-            area: of(self.area, usual.area),
-            axial_stiffness: of(self.axial_stiffness, usual.axial_stiffness),
-            bending_stiffness: of(self.bending_stiffness, usual.bending_stiffness),
-            torsional_stiffness: of(self.torsional_stiffness, usual.torsional_stiffness),
-            rest_length: of(self.rest_length, usual.rest_length),
-            hardening: of(self.hardening, usual.hardening),
-            mass: of(self.mass, usual.mass),
-            body_m: self.body_mm.map_or(usual.body_m, |mm| mm * 1e-3),
-            body_rad: self.body_deg.map_or(usual.body_rad, f64::to_radians),
-            repeat_m: self.repeat_mm.map_or(usual.repeat_m, |mm| mm * 1e-3),
-            repeat_rad: self.repeat_deg.map_or(usual.repeat_rad, f64::to_radians),
+            area: self.area,
+            axial_stiffness: self.axial_stiffness,
+            bending_stiffness: self.bending_stiffness,
+            torsional_stiffness: self.torsional_stiffness,
+            rest_length: self.rest_length,
+            hardening: self.hardening,
+            mass: self.mass,
+            body_m: self.body_mm * 1e-3,
+            body_rad: self.body_deg.to_radians(),
+            repeat_m: self.repeat_mm * 1e-3,
+            repeat_rad: self.repeat_deg.to_radians(),
         }
     }
 
-    fn numbers(&self) -> [(&'static str, Option<f64>); 11] {
+    fn numbers(&self) -> [(&'static str, f64); 11] {
         [
             ("uncertainty.area", self.area),
             ("uncertainty.axial_stiffness", self.axial_stiffness),
@@ -400,13 +416,14 @@ fn check(f: &File, springs: &Springs) -> Result<(), RobotError> {
         });
     }
     let chambers = f.chambers.iter().flat_map(|c| {
-        [
+        let own = [
             ("chambers.area_mm2", c.area_mm2),
             ("chambers.axial_stiffness_n_m", c.axial_stiffness_n_m),
-        ]
+        ];
+        own.into_iter().filter_map(|(key, v)| Some((key, v?)))
     });
     for (key, value) in chambers.chain(f.uncertainty.numbers()) {
-        if let Some(value) = value.filter(|v| !(*v > 0.0 && *v <= LARGEST)) {
+        if !(value > 0.0 && value <= LARGEST) {
             return Err(RobotError::Value {
                 key,
                 value: value.to_string(),

@@ -103,24 +103,6 @@ pub struct Uncertainty {
     pub repeat_rad: f64,
 }
 
-impl Default for Uncertainty {
-    fn default() -> Self {
-        Self {
-            area: 0.03,
-            axial_stiffness: 0.05,
-            bending_stiffness: 0.1,
-            torsional_stiffness: 0.2,
-            rest_length: 0.005,
-            hardening: 0.3,
-            mass: 0.05,
-            body_m: 2e-3,
-            body_rad: 0.02,
-            repeat_m: 1e-3,
-            repeat_rad: 0.01,
-        }
-    }
-}
-
 /// A half-space that the middle and the end pad's centres do not enter, in the base frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KeepOut {

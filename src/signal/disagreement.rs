@@ -11,4 +11,17 @@ pub struct Disagreement {
     pub channel: String,
     /// When the error was last that of a rig in order, s.
     pub since_s: f64,
+    /// The effects that the errors look most like, the likeliest first; no verdict.
+    pub likely: Vec<String>,
+}
+
+impl Disagreement {
+    /// What it looks like: `" It looks like a, b or c."`; empty where nothing stands out.
+    pub fn looks_like(&self) -> String {
+        match self.likely.as_slice() {
+            [] => String::new(),
+            [one] => format!(" It looks like {one}."),
+            [first @ .., last] => format!(" It looks like {} or {last}.", first.join(", ")),
+        }
+    }
 }

@@ -76,6 +76,28 @@ pub fn spring_lengths(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; SPR
     })
 }
 
+/// Straight lengths of the bellows between top, middle and end pad, m.
+pub fn bellows_chords_m(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; CHAMBERS] {
+    std::array::from_fn(|i| {
+        let bottom_m = robot.bellows_m[i];
+        let mut top_m = bottom_m;
+        let segment = i / 3;
+        if segment == 1 {
+            // Segment 2 starts at the middle pad's lower face.
+            top_m.z -= robot.pad_thickness_m;
+        }
+        let top = base_from_pad[segment] * nalgebra::Point3::from(top_m);
+        let bottom = base_from_pad[segment + 1] * nalgebra::Point3::from(bottom_m);
+        (bottom - top).norm()
+    })
+}
+
+/// By how much both segments are bent: the angles between the axes of their pads, rad.
+pub fn bends_rad(base_from_pad: &[Pose; 3]) -> [f64; 2] {
+    let axis = |pad: usize| base_from_pad[pad].rotation * nalgebra::Vector3::z();
+    [0, 1].map(|s| axis(s).angle(&axis(s + 1)))
+}
+
 /// Yaw, pitch and roll of the pads that carry the IMUs, rad.
 fn orientations(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [[f64; 3]; IMUS] {
     std::array::from_fn(|i| {

@@ -100,9 +100,10 @@ impl Watch {
             if newest.ratio > 1.0 && !self.reported {
                 self.reported = true;
                 let text = format!(
-                    "Twin and arm disagree since {:.0} s ago, most in {}: what is missing in the model, Gap finds.",
+                    "Twin and arm disagree since {:.0} s ago, most in {}.{} What is missing in the model, Gap finds.",
                     (newest.t_s - newest.since_s).max(0.0),
-                    newest.channel
+                    newest.channel,
+                    newest.looks_like()
                 );
                 events.push(Event::Warning { stamp, text });
             } else if newest.ratio < AGREE && self.reported {
@@ -138,6 +139,7 @@ mod tests {
                 ratio,
                 channel: "spring 4".to_owned(),
                 since_s: 55.0,
+                likely: vec!["creep".to_owned(), "spring lag".to_owned()],
             };
             finds.send(new).expect("waits");
             let mut snapshot = Snapshot {
@@ -153,7 +155,9 @@ mod tests {
         assert_eq!(texts.len(), 2, "{texts:?}");
         assert_eq!((texts[0].0, texts[1].0), (1, 5));
         assert!(
-            texts[0].1.contains("since 6 s ago, most in spring 4"),
+            texts[0]
+                .1
+                .contains("since 6 s ago, most in spring 4. It looks like creep or spring lag."),
             "{texts:?}"
         );
     }

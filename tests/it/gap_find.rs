@@ -422,3 +422,11 @@ fn no_id_of_an_effect_occurs_in_the_finder() {
         }
     }
 }
+
+#[test]
+fn a_window_needs_a_healthy_one() {
+    let run = |more: &[&str]| refusal(&[&["gap", "run", "--session", "s.csv"][..], more].concat());
+    let (code, text) = run(&["--window", "22:29"]);
+    assert_eq!(code, 1);
+    assert!(text.contains("at least one with --baseline"), "{text}");
+}

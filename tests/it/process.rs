@@ -15,7 +15,12 @@ const NAP: Duration = Duration::from_millis(5);
 
 /// Looks until it is so; fails after [`PATIENCE`].
 pub fn until(what: &str, is: impl FnMut() -> bool) {
-    assert!(comes(PATIENCE, is), "{what}: not within {PATIENCE:?}");
+    until_within(PATIENCE, what, is);
+}
+
+/// Looks until it is so; fails after `limit`.
+pub fn until_within(limit: Duration, what: &str, is: impl FnMut() -> bool) {
+    assert!(comes(limit, is), "{what}: not within {limit:?}");
 }
 
 /// Looks until it is so, for `limit` at most; whether it is.

@@ -195,6 +195,8 @@ pub struct GapState {
     locate: locate::LocateState,
     asked_for_patches: bool,
     conduct: Option<experiment::Conduct>,
+    // The last minutes are becoming a recording, which comes from there.
+    keeping_last: Pending<PathBuf, Origin>,
     // For the twin, with the next frame.
     orders: Vec<Command>,
 }
@@ -208,6 +210,7 @@ impl GapState {
             .is_some_and(|o| o.revealing.is_busy() || o.keeping.is_busy());
         outcome
             || self.running.is_busy()
+            || self.keeping_last.is_busy()
             || self.patching.is_busy()
             || self.saving.is_busy()
             || self.opening.is_busy()
@@ -273,6 +276,7 @@ impl GapState {
                 }
             }
         }
+        self.poll_check(services);
         if let Some((decision, answer)) = self.patching.take_for() {
             match answer {
                 Ok(robot) => {

@@ -401,6 +401,19 @@ impl PlanState {
         }
     }
 
+    /// Gives the plan to the twin.
+    pub fn set_out(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
+        let Ok(plan) = self.plan(view.spec) else {
+            return;
+        };
+        super::target::arm_simulated(view, commands);
+        commands.push(Command::Start(plan.clone()));
+        self.given = Some(plan);
+        self.outcome = Outcome::Given;
+        (self.seen, self.given_at) = (None, view.snapshot.stamp);
+        self.drawing = false;
+    }
+
     /// Lets go of a plan that another twin was given.
     pub fn forget(&mut self) {
         (self.given, self.outcome) = (None, Outcome::Nothing);
@@ -472,13 +485,8 @@ fn start(ui: &mut Ui, view: &View<'_>, state: &mut PlanState, commands: &mut Vec
         },
         size,
     );
-    if let (true, Ok(plan)) = (fire, state.plan(view.spec)) {
-        super::target::arm_simulated(view, commands);
-        commands.push(Command::Start(plan.clone()));
-        state.given = Some(plan);
-        state.outcome = Outcome::Given;
-        (state.seen, state.given_at) = (None, view.snapshot.stamp);
-        state.drawing = false;
+    if fire {
+        state.set_out(view, commands);
     }
     egui::ScrollArea::vertical()
         .id_salt("outcome")

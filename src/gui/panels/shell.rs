@@ -473,9 +473,10 @@ fn items(live: &View<'_>) -> Vec<Item> {
     }
     all.extend(s.disagreement.as_ref().map(|d| {
         let hover = format!(
-            "How far twin and arm disagree, over the limit: most in {}; in order until {:.0} s ago. Click to find out what is missing.",
+            "How far twin and arm disagree, over the limit: most in {}; in order until {:.0} s ago.{} Click to find out what is missing.",
             d.channel,
-            (s.stamp.seconds() - d.since_s).max(0.0)
+            (s.stamp.seconds() - d.since_s).max(0.0),
+            if d.ratio > 1.0 { d.looks_like() } else { String::new() }
         );
         item(
             warn_if(d.ratio > 1.0),

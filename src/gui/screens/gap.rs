@@ -55,6 +55,17 @@ impl Screen for GapState {
         list.act(name, words, gate, |gap, ctx| {
             gap.experiment(&ctx.live, ctx.services);
         });
+        let words = "check now live monitor disagree rolling minutes";
+        let gate = self.check_gate(&known.live);
+        let name = "Check the last minutes of the live arm";
+        list.act(name, words, gate, |gap, ctx| {
+            gap.check_last(&ctx.live, ctx.services);
+        });
+        let words = "gap accept add model robot file";
+        let gate = self.accept_gate();
+        list.act("Accept the patch", words, gate, |gap, ctx| {
+            gap.accept(ctx.services);
+        });
         for step in Step::ALL {
             let words = match step {
                 Step::Prove => "effect finding report export save",

@@ -3,7 +3,7 @@
 use egui::{Ui, Vec2, vec2};
 
 use crate::gui::panels::operate::{self, OperateState, PANES, Pane};
-use crate::gui::panels::plans::PlanKind;
+use crate::gui::panels::plans::{PlanKind, start_gate};
 use crate::gui::panels::target::{arm_simulated, go_gate};
 use crate::gui::scene::camera::View as Side;
 use crate::gui::screen::{Ctx, Known, List, Screen, Task, check};
@@ -71,7 +71,10 @@ impl Screen for OperateState {
             !s.link.moves_hardware(),
             "Hardware moves only while ▶ Hold to go is held in the Target panel.",
         );
-        let go = shown.clone().and(go_gate(live, &self.draft)).and(held);
+        let go = shown
+            .clone()
+            .and(go_gate(live, &self.draft))
+            .and(held.clone());
         list.act("Go to the target", "move motion", go, |_, ctx| {
             arm_simulated(&ctx.live, ctx.commands);
             ctx.commands.push(Command::Go);
@@ -102,6 +105,11 @@ impl Screen for OperateState {
                 o.plans.drawing &= kind == PlanKind::Points;
             });
         }
+        let words = "begin path carry out motion";
+        let gate = shown.clone().and(start_gate(live, &self.plans)).and(held);
+        list.act("Start the plan", words, gate, |o, ctx| {
+            o.plans.set_out(&ctx.live, ctx.commands);
+        });
         let words = "plan path points click";
         list.act("Draw waypoints in the 3D view", words, shown, |o, _| {
             o.show(Pane::Plan);

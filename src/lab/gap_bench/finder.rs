@@ -9,6 +9,7 @@ use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
 use super::generator::PROOF;
+use super::suite::Planned;
 use crate::lab::shards::write;
 
 /// File of the finder's verdict.
@@ -43,6 +44,8 @@ pub struct Seeker<'a> {
     pub limit_s: f64,
     /// Look for laws.
     pub discover: bool,
+    /// Judge without motion capture.
+    pub without_cameras: bool,
 }
 
 impl Seeker<'_> {
@@ -63,6 +66,9 @@ impl Seeker<'_> {
         if let Some(id) = without {
             command.args(["--without", id]);
         }
+        if self.without_cameras {
+            command.arg("--without-cameras");
+        }
         command
     }
 
@@ -73,7 +79,7 @@ impl Seeker<'_> {
     /// When the verdict cannot be written, or something lies in the folder that does not belong there.
     pub fn seek(&self, folder: &Path, without: Option<&str>) -> Result<()> {
         only_sessions(folder)?;
-        let run = run(&self.hash, without);
+        let run = run(&self.hash, without, self.without_cameras);
         if done(folder, &run) {
             return Ok(());
         }
@@ -128,15 +134,15 @@ fn wait(mut child: Child, limit_s: f64) -> Result<ExitStatus> {
 }
 
 /// Everything that a verdict depends on besides the sessions.
-fn run(finder: &str, without: Option<&str>) -> Value {
-    json!({"finder": finder, "without": without})
+fn run(finder: &str, without: Option<&str>, without_cameras: bool) -> Value {
+    json!({"finder": finder, "without": without, "cameras": !without_cameras})
 }
 
 /// Whether a case has a verdict of the finder with this hash; that it failed is one, too.
-pub fn is_by(folder: &Path, finder: &str, without: Option<&str>) -> bool {
+pub fn is_by(folder: &Path, finder: &str, planned: &Planned, without_cameras: bool) -> bool {
     let text = std::fs::read_to_string(folder.join(RUN)).ok();
     let made: Option<Value> = text.and_then(|t| serde_json::from_str(&t).ok());
-    made == Some(run(finder, without)) && folder.join(VERDICT).exists()
+    made == Some(run(finder, planned.without, without_cameras)) && folder.join(VERDICT).exists()
 }
 
 /// Whether this run is on disk, and did not fail.
@@ -175,8 +181,9 @@ mod tests {
             robot_file: None,
             limit_s: 1.0,
             discover: false,
+            without_cameras: false,
         };
-        let list = |without| -> Vec<String> {
+        let list = |seeker: &Seeker<'_>, without| -> Vec<String> {
             let command = seeker.command(Path::new("/b/cases/c1"), without);
             assert_eq!(command.get_envs().count(), 0);
             assert_ne!(command.get_current_dir(), None);
@@ -192,8 +199,13 @@ mod tests {
             "--session",
             "/b/cases/c1/suspect",
         ];
-        assert_eq!(list(None), sessions);
-        assert_eq!(list(Some("leak"))[7..], ["--without", "leak"]);
+        assert_eq!(list(&seeker, None), sessions);
+        assert_eq!(list(&seeker, Some("leak"))[7..], ["--without", "leak"]);
+        let blind = Seeker {
+            without_cameras: true,
+            ..seeker
+        };
+        assert_eq!(list(&blind, None)[7..], ["--without-cameras"]);
     }
 
     #[test]

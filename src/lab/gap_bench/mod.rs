@@ -56,6 +56,8 @@ pub struct Options {
     pub finder: Option<PathBuf>,
     /// Look for laws instead of naming effects, and prove them on a third session.
     pub discover: bool,
+    /// Let the finder judge the suspect sessions without motion capture.
+    pub without_cameras: bool,
     /// Let the finder drive the rig, and compare how it chooses what to drive with other ways.
     pub experiment: bool,
 }
@@ -132,6 +134,7 @@ pub fn run(
         seconds: a.seconds,
         robot: robot.hash.clone(),
         noise_percent: a.noise_percent,
+        without_cameras: a.without_cameras,
     };
     let mut planned = suite.cases();
     anyhow::ensure!(
@@ -185,6 +188,7 @@ pub fn run(
         robot_file: robot_file.as_deref(),
         limit_s: a.limit_s,
         discover: a.discover,
+        without_cameras: a.without_cameras,
     };
     let sought = each(progress, "finding", &ready, a.jobs, |p| {
         seeker.seek(&places.case(p), p.without)
@@ -317,7 +321,7 @@ pub fn merge(paths: &[PathBuf], out: &Path) -> Result<Report> {
             }
             let solved = shard.found.solved.contains(&p.name);
             anyhow::ensure!(
-                solved && finder::is_by(&places.case(p), finder, p.without),
+                solved && finder::is_by(&places.case(p), finder, p, suite.without_cameras),
                 "case {} of shard {i}/{n} has no verdict of its finder in {}: run that shard again",
                 p.name,
                 places.case(p).display()
@@ -351,8 +355,14 @@ fn head(suite: &Suite, finder: &str, not_made: usize) -> String {
         ),
         false => String::new(),
     };
+    let cameras = match suite.without_cameras {
+        true => {
+            " The finder had no motion capture of the suspect sessions; what acts on the cameras' frame or clock alone is not hidden."
+        }
+        false => "",
+    };
     format!(
-        "Seeds {} to {last}, {} s sessions{noise}, springtwin {}, finder {}.{left_out}",
+        "Seeds {} to {last}, {} s sessions{noise}, springtwin {}, finder {}.{cameras}{left_out}",
         suite.first_seed,
         suite.seconds,
         env!("CARGO_PKG_VERSION"),
@@ -381,6 +391,7 @@ fn written(
     json["seeds"] = json!(suite.seeds);
     json["seconds"] = json!(suite.seconds);
     json["extra_noise_percent"] = json!(suite.noise_percent);
+    json["cameras"] = json!(!suite.without_cameras);
     json["version"] = json!(env!("CARGO_PKG_VERSION"));
     json["finder"] = json!(finder);
     json["robot"] = json!(suite.robot);

@@ -5,8 +5,8 @@ use sha2::{Digest as _, Sha256};
 
 use crate::gap::score::About;
 use crate::lab::shards::Shard;
-use crate::rig::hidden::{Class, HIDDEN, Kind};
-use crate::signal::hex;
+use crate::rig::hidden::{Class, HIDDEN, Kind, kind};
+use crate::signal::{Side, hex};
 use crate::sim::dataset::sample_rng;
 
 /// A part of the suite.
@@ -100,6 +100,8 @@ pub struct Suite {
     pub robot: String,
     /// Noise beyond that of the sensors, per cent of what each channel moves by.
     pub noise_percent: f64,
+    /// Without motion capture of the suspect sessions, and what only that could show.
+    pub without_cameras: bool,
 }
 
 /// A case to be made and solved.
@@ -133,6 +135,7 @@ impl Suite {
             ("only", parts.join(",")),
             ("seconds", self.seconds.to_string()),
             ("extra-noise", self.noise_percent.to_string()),
+            ("without-cameras", self.without_cameras.to_string()),
         ]
         .map(|(name, value)| (name.to_owned(), value))
         .into()
@@ -148,15 +151,20 @@ impl Suite {
             seconds: shard.option("seconds").parse().ok()?,
             robot: shard.option("robot").to_owned(),
             noise_percent: shard.option("extra-noise").parse().ok()?,
+            without_cameras: shard.option("without-cameras").parse().ok()?,
         })
     }
 
     /// All cases, in the order of their names, which is none.
     pub fn cases(&self) -> Vec<Planned> {
-        let wanted = |p: &Planned| match self.parts.is_empty() {
+        let of_parts = |p: &Planned| match self.parts.is_empty() {
             true => !matches!(p.part, Part::Laws | Part::Onsets),
             false => self.parts.contains(&p.part),
         };
+        let of_cameras = |id: &&str| kind(id).is_some_and(|k| k.side == Side::FrameAndTime);
+        let shows =
+            |p: &Planned| !(self.without_cameras && p.effects.iter().any(|id| of_cameras(&id)));
+        let wanted = |p: &Planned| of_parts(p) && shows(p);
         let seeds = (0..self.seeds).map(|i| self.first_seed.wrapping_add(i));
         let all = seeds.flat_map(|s| self.of_seed(s));
         let mut out: Vec<Planned> = all.filter(wanted).collect();
@@ -260,6 +268,7 @@ mod tests {
             seconds: 90.0,
             robot: "r".to_owned(),
             noise_percent: 0.0,
+            without_cameras: false,
         };
         suite.cases()
     }

@@ -221,10 +221,11 @@ pub(super) mod table {
     pub(crate) const GOAL: usize = 14;
     pub(crate) const SPRING_REF: usize = 15;
     pub(crate) const IMU_REF: usize = 16;
+    pub(crate) const DISAGREEMENT: usize = 17;
 }
 
 /// All plots.
-pub(super) const SPECS: [Spec; 17] = [
+pub(super) const SPECS: [Spec; 18] = [
     plot("/sensors/raw/spring_counts", 12),
     plot("/sensors/raw/gate_ticks", 12),
     plot("/sensors/raw/gyro_rad_s", 12),
@@ -242,6 +243,7 @@ pub(super) const SPECS: [Spec; 17] = [
     plot("/goal/position_mm", 3),
     plot("/control/spring_ref_mm", 12),
     plot("/control/imu_ref_deg", 12),
+    plot("/twin/disagreement", 1),
 ];
 
 /// The text logs.

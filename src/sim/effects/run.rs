@@ -11,6 +11,7 @@ use super::table::EFFECTS;
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 use crate::sim::rod::{PointMass, Viscosity};
+use crate::sim::sensors::bends_rad;
 use crate::sim::{Inputs, Model, Observation, SimError, State, observe, settle, step_overdamped};
 
 /// Runs a trajectory. Effects act in the order of the table, whatever the order of `effects`.
@@ -316,12 +317,11 @@ impl Plant {
     }
 
     fn posture(&self, o: &Observation, t_s: f64, chamber_pa: &[f64; CHAMBERS]) -> Posture {
-        let axis = |pad: usize| o.shape.base_from_pad[pad].rotation * Vector3::z();
         Posture {
             t_s,
             chamber_pa: *chamber_pa,
             longer_m: o.bellows_m.map(|l| l - self.model.robot.rest_length_m),
-            bend_rad: [0, 1].map(|s| axis(s).angle(&axis(s + 1))),
+            bend_rad: bends_rad(&o.shape.base_from_pad),
         }
     }
 }

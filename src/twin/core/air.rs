@@ -15,11 +15,10 @@
 
 use std::collections::VecDeque;
 
-use nalgebra::{Point3, Vector3};
-
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Pose, Stamp};
 use crate::sim::ATMOSPHERE_PA;
+use crate::sim::sensors::bellows_chords_m;
 
 /// A supply works in full when its chamber is off by more than this, Pa. The controller does not ask for much
 /// more than a chamber has: a leak shows as a small lag that stays.
@@ -175,18 +174,8 @@ pub(super) fn at_lengths_pa(chamber_pa: f64, length_m: f64, other_m: f64) -> f64
 
 /// Straight lengths of the bellows between their pads, m.
 pub(super) fn lengths_m(robot: &RobotSpec, base_from_pad: &[Pose; 2]) -> [f64; CHAMBERS] {
-    let down = Vector3::z() * -robot.pad_thickness_m;
-    std::array::from_fn(|i| {
-        let at = robot.bellows_m[i];
-        let (upper, lower) = match i < CHAMBERS / 2 {
-            true => (Point3::from(at), base_from_pad[0] * Point3::from(at)),
-            false => (
-                base_from_pad[0] * Point3::from(at + down),
-                base_from_pad[1] * Point3::from(at),
-            ),
-        };
-        (lower - upper).norm()
-    })
+    let [middle, end] = *base_from_pad;
+    bellows_chords_m(robot, &[Pose::identity(), middle, end])
 }
 
 #[cfg(test)]

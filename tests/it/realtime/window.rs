@@ -8,7 +8,8 @@ use crate::process::wait_for;
 use crate::program::scratch;
 use crate::window::{display, mouse, photograph, start};
 
-fn keys(display: &str, args: &[&str]) {
+/// Keys, one after the other.
+pub fn keys(display: &str, args: &[&str]) {
     mouse(display, args);
     std::thread::sleep(Duration::from_millis(250));
 }

@@ -4,7 +4,7 @@ use crate::gap::actuation::healthy::LineBaseline;
 use crate::gap::actuation::line::{LineRow, PressureGrid, line_rmse_pa};
 use crate::gap::config::CONFIG;
 use crate::gap::describe::T_95;
-use crate::gap::finding::{ChannelError, GapSize, Located, Traces, closed};
+use crate::gap::finding::{ChannelError, GapSize, Located, Traces};
 use crate::signal::CHAMBERS;
 
 /// How much gauges scatter while their commands rest: about the mean of each rest, from 4 s after
@@ -46,13 +46,7 @@ pub(super) fn gap_size(
         floor_pa,
     ]
     .map(|pa| pa / 1e3);
-    GapSize {
-        before,
-        after,
-        floor,
-        closed: closed(before, after, floor),
-        unit: "kPa".to_owned(),
-    }
+    GapSize::of([before, after, floor], "kPa")
 }
 
 pub(super) fn channels(

@@ -3,9 +3,10 @@
 
 use egui::{RichText, Ui, vec2};
 
-use super::GapState;
+use super::{GapState, Trouble};
 use crate::gap::report::Origin;
 use crate::gui::panels::operating::ends_recording;
+use crate::gui::panels::recordings::keep_gate;
 use crate::gui::panels::target::{Fire, HoldToGo, arm_simulated};
 use crate::gui::panels::widgets::{Gate, gated, note, number, status};
 use crate::gui::services::Services;
@@ -127,17 +128,64 @@ impl Conduct {
     }
 }
 
+/// How much of the rolling recording is checked, s.
+const CHECKED_S: f64 = 120.0;
+
 impl GapState {
+    /// Whether a search can begin against a baseline that was kept, or why not.
+    fn kept_gate(&self) -> Gate {
+        if self.running.is_busy() || self.keeping_last.is_busy() {
+            return Err("The finder is running: wait, or cancel it.".into());
+        }
+        match self.select.slots[0].known() {
+            Some(sheet) if sheet.kept_days.is_some() => Ok(()),
+            _ => Err("Choose a baseline that was kept in the place of the healthy session: Keep as baseline.".into()),
+        }
+    }
+
+    /// Whether the last minutes can be looked into, or why not.
+    pub fn check_gate(&self, live: &View<'_>) -> Gate {
+        self.kept_gate().and_then(|()| keep_gate(live.snapshot))
+    }
+
+    /// Sets the finder to work on the last minutes; the arm goes on.
+    pub fn check_last(&mut self, live: &View<'_>, services: &mut Services) {
+        if let (Ok(()), Some(first)) = (self.check_gate(live), live.snapshot.rolling.first()) {
+            let folder = services.recordings.path().to_owned();
+            let words = "Checked by the gap finder".to_owned();
+            let job = (services.keep)(first, &folder, CHECKED_S, words);
+            self.keeping_last.begin_for(origin(live), job);
+        }
+    }
+
+    /// Begins the search once the last minutes are a recording.
+    pub fn poll_check(&mut self, services: &mut Services) {
+        match self.keeping_last.take_for() {
+            Some((origin, Ok(suspect))) => {
+                let healthy = self.select.slots[0].known().map(|s| s.path.clone());
+                let search = super::Search {
+                    pair: Pair { suspect, healthy },
+                    origin,
+                    answer: None,
+                    known: None,
+                };
+                self.begin(search, services);
+            }
+            Some((_, Err(e))) => {
+                self.trouble = Some(Trouble::new(
+                    e,
+                    "The last minutes were not checked.",
+                    "Remove the cause named above, then press the button again.",
+                ));
+            }
+            None => {}
+        }
+    }
+
     /// Whether the finder may drive the arm, or why not.
     pub fn experiment_gate(&self, live: &View<'_>) -> Gate {
         let s = live.snapshot;
-        if self.running.is_busy() {
-            return Err("The finder is running: wait, or cancel it.".into());
-        }
-        let healthy = self.select.slots[0].known();
-        if healthy.is_none_or(|sheet| sheet.kept_days.is_none()) {
-            return Err("Choose a baseline that was kept in the place of the healthy session: Keep as baseline.".into());
-        }
+        self.kept_gate()?;
         if !s.link.connected {
             return Err("Not connected: there is no arm to drive.".into());
         }
@@ -162,10 +210,7 @@ impl GapState {
                     suspect: link.first.clone(),
                     healthy: Some(healthy),
                 },
-                origin: match live.snapshot.link.simulated {
-                    true => Origin::Simulated,
-                    false => Origin::Measured,
-                },
+                origin: origin(live),
                 answer: None,
                 known: None,
             };
@@ -203,6 +248,14 @@ impl GapState {
     }
 }
 
+/// Where what the live arm does comes from.
+fn origin(live: &View<'_>) -> Origin {
+    match live.snapshot.link.simulated {
+        true => Origin::Simulated,
+        false => Origin::Measured,
+    }
+}
+
 /// What the finder wants to drive, and the operator's consent to it.
 pub fn under_way(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &mut Vec<Command>) {
     let Some(conduct) = &mut state.conduct else {
@@ -227,31 +280,42 @@ pub fn under_way(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &
     }
 }
 
-/// The way to begin one.
+/// The ways to let the finder look at the live arm.
 pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut Services) {
-    let gate = state.experiment_gate(live);
-    let mut begins = false;
-    ui.horizontal_wrapped(|ui| {
-        ui.label(RichText::new("Let the finder drive the arm").strong());
-        let button = egui::Button::new("Run an experiment");
-        let hover = "Computes what to drive (about a minute), drives and records it, and looks; ten minutes of motion at most. The arm moves: \
-                     hardware is asked for each excitation.";
-        begins = gated(ui, &gate, button, hover).clicked() && gate.is_ok();
-    });
+    ui.label(RichText::new("The live arm").strong());
     let s = live.snapshot;
     match s.disagreement.as_ref().filter(|d| d.ratio > 1.0) {
         Some(d) => {
             let ago = number((s.stamp.seconds() - d.since_s).max(0.0), 0);
             let text = format!(
-                "Twin and arm disagree since {ago} s ago, most in {}.",
-                d.channel
+                "Twin and arm disagree since {ago} s ago, most in {}.{}",
+                d.channel,
+                d.looks_like()
             );
             status(ui, Level::Warning, &text);
         }
         None => {
-            let what = "It drives what separates the possible effects best, until one is named or nothing is missing.";
+            let what = "An experiment drives what separates the possible effects best, until one is named or nothing is missing.";
             note(ui, what);
         }
+    }
+    let (mut checks, mut begins) = (false, false);
+    ui.horizontal_wrapped(|ui| {
+        let gate = state.check_gate(live);
+        let text = format!("Check the last {:.0} min", CHECKED_S / 60.0);
+        let hover = "Looks for what is missing in what the rolling recording kept; the arm goes on";
+        checks = gated(ui, &gate, egui::Button::new(text), hover).clicked();
+        let gate = state.experiment_gate(live);
+        let button = egui::Button::new("Run an experiment");
+        let hover = "Computes what to drive (about a minute), drives and records it, and looks; ten minutes of motion at most. The arm moves: \
+                     hardware is asked for each excitation.";
+        begins = gated(ui, &gate, button, hover).clicked();
+        if state.keeping_last.is_busy() {
+            ui.spinner();
+        }
+    });
+    if checks {
+        state.check_last(live, services);
     }
     if begins {
         state.experiment(live, services);

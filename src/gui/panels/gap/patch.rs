@@ -149,29 +149,44 @@ fn gate(outcome: &Outcome, patched: Result<&PatchedRobot, &str>) -> Gate {
     Ok(())
 }
 
+impl GapState {
+    /// Whether the patch can be accepted, or why not.
+    pub fn accept_gate(&self) -> Gate {
+        let Some(outcome) = &self.outcome else {
+            return Err("No finding yet: choose sessions and press Find.".into());
+        };
+        if self.patching.is_busy() {
+            return Err("The robot file is being written.".into());
+        }
+        let patched = match (&self.patched, &self.unread) {
+            (Some(patched), _) => Ok(patched),
+            (None, Some(_)) => Err("The robot file could not be read."),
+            (None, None) => Err("The robot file is being read."),
+        };
+        gate(outcome, patched)
+    }
+
+    /// Adds the patch to the robot file.
+    pub fn accept(&mut self, services: &mut Services) {
+        if let (Ok(()), Some(outcome)) = (self.accept_gate(), &self.outcome) {
+            let job = (services.gap.accept)(&outcome.patch());
+            self.patching.begin_for(Some(Decision::Accepted), job);
+        }
+    }
+}
+
 fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+    let accept = state.accept_gate();
     let Some(outcome) = &mut state.outcome else {
         return;
     };
     ui.label(RichText::new("Your decision").strong());
-    let idle = match state.patching.is_busy() {
-        true => Err("The robot file is being written.".to_owned()),
-        false => Ok(()),
-    };
-    let patched = match (&state.patched, &state.unread) {
-        (Some(patched), _) => Ok(patched),
-        (None, Some(_)) => Err("The robot file could not be read."),
-        (None, None) => Err("The robot file is being read."),
-    };
-    let accept = idle.clone().and_then(|()| gate(outcome, patched));
+    let mut accepts = false;
     ui.horizontal(|ui| {
         let button = Button::new(RichText::new("Accept patch").strong()).min_size(vec2(96.0, 32.0));
         let hover =
             "Write a copy of the robot file with the patch at its end; undo removes it again";
-        if gated(ui, &accept, button, hover).clicked() {
-            let job = (services.gap.accept)(&outcome.patch());
-            state.patching.begin_for(Some(Decision::Accepted), job);
-        }
+        accepts = gated(ui, &accept, button, hover).clicked();
         let reject = match outcome.decision {
             Decision::Accepted => Err("It was accepted: undo it below.".to_owned()),
             Decision::Rejected => Err("It is rejected already.".to_owned()),
@@ -203,6 +218,9 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
                 );
             }
         }
+    }
+    if accepts {
+        state.accept(services);
     }
 }
 

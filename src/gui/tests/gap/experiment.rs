@@ -160,13 +160,14 @@ fn a_click_on_the_disagreement_leads_to_the_finder() {
         ratio: 2.5,
         channel: "spring 12".to_owned(),
         since_s: 45.0,
+        likely: vec!["undeclared payload".to_owned()],
     });
     let (_twin, mut h) = running(s);
     assert_ne!(h.state().screen, ScreenId::Gap);
     h.get_by_label("2.5").click();
     h.run_steps(4);
     assert_eq!(h.state().screen, ScreenId::Gap);
-    h.get_by_label_contains("disagree since 15 s ago, most in spring 12");
+    h.get_by_label_contains("disagree since 15 s ago, most in spring 12. It looks like undeclared");
     // The arm moves: it is not taken over.
     assert!(is_disabled(&h, "Run an experiment"));
 }

@@ -218,6 +218,7 @@ pub fn operate() -> Vec<State> {
                     ratio: 2.4,
                     channel: "spring 11".into(),
                     since_s: 98.0,
+                    likely: vec!["spring crosstalk 11".into(), "spring lag".into()],
                 }),
                 ..fixture::snapshot(1.0)
             },

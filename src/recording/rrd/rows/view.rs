@@ -100,6 +100,9 @@ impl View {
             self.tables[table::ERROR_MM].push(t, &[mm(e.fixed_rows::<3>(0).norm())]);
             self.tables[table::ERROR_DEG].push(t, &[e.fixed_rows::<3>(3).norm().to_degrees()]);
         }
+        if let Some(d) = &snapshot.disagreement {
+            self.tables[table::DISAGREEMENT].push(t, &[d.ratio]);
+        }
         if let Some(command) = &snapshot.command {
             self.tables[table::SET].push(t, &command.chamber_pa().map(kpa));
         }

@@ -1,0 +1,123 @@
+//! From a disagreement to a patch, in the real window: an effect begins while the arm works, the monitor reports it, the finder
+//! drives the arm and names it, the patch is accepted, and with it the monitor is quiet.
+//!
+//! Actions are found by name (Ctrl+P) and done with the keyboard. The finder takes minutes on a busy machine.
+
+use std::path::Path;
+use std::time::Duration;
+
+use springtwin::robot::RobotSpec;
+
+use super::window::keys;
+use crate::process::{Running, until_within, wait_for};
+use crate::program::{json, scratch};
+use crate::window::{display, mouse, photograph, start_with};
+
+/// The finder computes what to drive, drives for half a minute or more, and looks; several times perhaps.
+const EXPERIMENT: Duration = Duration::from_secs(900);
+
+/// Does what the list of commands has by this name.
+fn act(display: &str, name: &str) {
+    keys(display, &["key", "ctrl+p"]);
+    keys(display, &["type", "--delay", "40", "--", name]);
+    std::thread::sleep(Duration::from_secs(1));
+    keys(display, &["key", "Return"]);
+    std::thread::sleep(Duration::from_secs(1));
+}
+
+fn focus(display: &str) {
+    let args = [
+        "search",
+        "--onlyvisible",
+        "--name",
+        "springtwin",
+        "windowfocus",
+    ];
+    mouse(display, &args);
+    std::thread::sleep(Duration::from_secs(2));
+}
+
+/// A window on the virtual rig with the welcome closed and the arm on its way round a circle.
+fn at_work(
+    display: &str,
+    dir: &Path,
+    more: &[&str],
+) -> (Running, std::sync::mpsc::Receiver<String>) {
+    let (program, log) = start_with(display, dir, more);
+    wait_for(&log, "Board 2 is ready");
+    std::thread::sleep(Duration::from_secs(5));
+    focus(display);
+    keys(display, &["key", "Escape"]);
+    act(display, "set up a figure 8");
+    act(display, "start the plan");
+    wait_for(&log, "Mode: moving");
+    (program, log)
+}
+
+#[test]
+fn a_hidden_load_is_noticed_named_patched_and_no_longer_noticed() {
+    let (_server, display) = display();
+    let dir = scratch("walk");
+    let path = |name: &str| dir.join(name).to_str().expect("a path").to_owned();
+    let [healthy, fitted, baseline] = ["healthy.rrd", "fitted.toml", "baseline.toml"].map(path);
+    json(&["excite", "--seconds", "60", "--record", &healthy, "--json"]);
+    json(&[
+        "gap",
+        "commission",
+        &healthy,
+        "--out",
+        &fitted,
+        "--baseline",
+        &baseline,
+        "--json",
+    ]);
+
+    let hidden = ["--baseline", &baseline, "--hide", "payload=0.5@20"];
+    let (mut program, log) = at_work(&display, &dir, &hidden);
+    wait_for(&log, "Twin and arm disagree");
+    photograph(&display, &dir.join("1-noticed.png"));
+    keys(&display, &["key", "space"]);
+    wait_for(&log, "Mode: hold");
+    act(&display, "show gap");
+    std::thread::sleep(Duration::from_secs(3));
+    photograph(&display, &dir.join("2-gap.png"));
+    act(&display, "let the finder drive the arm");
+    wait_for(&log, "Mode: moving");
+    photograph(&display, &dir.join("3-driven.png"));
+    let patched = dir.join("springtwin/reference.patched.toml");
+    // The patch can be accepted once there is one.
+    until_within(EXPERIMENT, "the patch is accepted", || {
+        act(&display, "accept the patch");
+        std::thread::sleep(Duration::from_secs(10));
+        patched.is_file()
+    });
+    photograph(&display, &dir.join("4-patch.png"));
+    let robot = RobotSpec::from_toml(&std::fs::read_to_string(&patched).expect("reads"));
+    let robot = robot.expect("a robot");
+    let [accepted] = &robot.patches[..] else {
+        panic!("{:?}", robot.patches);
+    };
+    let effects: Vec<&str> = accepted
+        .patch
+        .effects
+        .iter()
+        .map(|e| e.id.as_str())
+        .collect();
+    assert_eq!(effects, ["payload"]);
+    program.kill();
+
+    let patched = patched.to_str().expect("a path");
+    let known = [
+        "--robot",
+        patched,
+        "--baseline",
+        &baseline,
+        "--hide",
+        "payload=0.5",
+    ];
+    let (_program, log) = at_work(&display, &dir, &known);
+    std::thread::sleep(Duration::from_secs(90));
+    photograph(&display, &dir.join("5-quiet.png"));
+    let noticed: Vec<String> = log.try_iter().filter(|l| l.contains("disagree")).collect();
+    assert_eq!(noticed, [""; 0]);
+}
