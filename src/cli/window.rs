@@ -16,8 +16,8 @@ mod viewer;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
 use anyhow::Result;
@@ -125,7 +125,7 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
             pace: pace.wanted(),
         };
         pace.drawn_by(cc.wgpu_render_state.as_ref());
-        let asked = asks.waker()?;
+        let asked = asks.waker(None)?;
         let _ = wake.set(Box::new(move || {
             let _ = asked.try_send(());
         }));
@@ -200,6 +200,11 @@ fn keep(log: &Log) {
 /// How long after it is asked for a frame may be painted.
 const SOON: Duration = Duration::from_millis(1);
 
+/// How often it is looked whether a twin still ticks.
+const LOOK: Duration = Duration::from_millis(100);
+/// A twin that has not ticked for so many looks has fallen silent: the window is painted, and shows it.
+const SILENT_LOOKS: u32 = 3;
+
 /// How twins ask the window for frames.
 #[derive(Clone)]
 struct Asks {
@@ -208,14 +213,28 @@ struct Asks {
 }
 
 impl Asks {
-    /// What wakes a thread that asks for a frame: the window's lock may be held by a frame under way.
-    fn waker(&self) -> std::io::Result<SyncSender<()>> {
+    /// What wakes a thread that asks for a frame: the window's lock may be held by a frame under way. It asks by itself while the
+    /// `ticks` of a twin stand still.
+    fn waker(&self, ticks: Option<Arc<AtomicU32>>) -> std::io::Result<SyncSender<()>> {
         let ctx = self.ctx.clone();
         let (wake, woken) = sync_channel(1);
         let ask = move || {
-            while woken.recv().is_ok() {
-                // With a delay one frame is painted, without it two.
-                ctx.request_repaint_after(SOON);
+            let (mut seen, mut silent) = (0, 0);
+            loop {
+                match woken.recv_timeout(LOOK) {
+                    // With a delay one frame is painted, without it two.
+                    Ok(()) => ctx.request_repaint_after(SOON),
+                    Err(RecvTimeoutError::Disconnected) => break,
+                    Err(RecvTimeoutError::Timeout) => {
+                        let Some(ticks) = &ticks else { continue };
+                        let now = ticks.load(Ordering::Relaxed);
+                        silent = if now == seen { silent + 1 } else { 0 };
+                        seen = now;
+                        if silent >= SILENT_LOOKS {
+                            ctx.request_repaint_after(SOON);
+                        }
+                    }
+                }
             }
         };
         let thread = std::thread::Builder::new().name("repaint".to_owned());
@@ -225,13 +244,15 @@ impl Asks {
 
     /// To be called after every tick.
     fn repaint(&self) -> std::io::Result<impl FnMut() + Send + 'static> {
-        let (wake, pace) = (self.waker()?, self.pace.clone());
-        let mut ticks = 0u32;
+        let ticks = Arc::new(AtomicU32::new(0));
+        let (wake, pace) = (self.waker(Some(Arc::clone(&ticks)))?, self.pace.clone());
+        let mut since = 0u32;
         Ok(move || {
             let every = (1.0 / (TICK_S * f64::from(pace.at_most_hz()))) as u32;
-            ticks += 1;
-            if ticks >= every {
-                ticks = 0;
+            ticks.fetch_add(1, Ordering::Relaxed);
+            since += 1;
+            if since >= every {
+                since = 0;
                 // A wake-up that waits already is enough.
                 let _ = wake.try_send(());
             }

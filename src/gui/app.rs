@@ -50,9 +50,10 @@ struct Settings {
     recordings: Option<PathBuf>,
 }
 
+/// How often progress is shown: where pictures are made in software, more would take the work's own time.
+const PROGRESS_LOOK: Duration = Duration::from_millis(500);
 /// Snapshots come every 10 ms: an armed arm whose control loop has not reported for so long is shown as silent, s.
 const SILENT_S: f64 = 0.35;
-const SILENT_LOOK: Duration = Duration::from_millis(100);
 
 /// Whether the arm follows commands.
 fn is_armed(snapshot: &Snapshot) -> bool {
@@ -319,7 +320,8 @@ impl App {
             None => {}
         }
         if self.busy() {
-            ctx.request_repaint_after(Duration::from_millis(100));
+            // Whoever answers asks for a picture; between the two only the progress moves.
+            ctx.request_repaint_after(PROGRESS_LOOK);
         }
         self.forget_what_was_shown();
         self.show(ui, now_s, &mut commands);
@@ -463,13 +465,10 @@ impl App {
             Some(_) => self.recording_since.or(Some(self.live.stamp)),
             None => None,
         };
-        // The twin asks for repaints; this one shows that it has fallen silent.
+        // The twin asks for repaints, and whoever starts it where it has fallen silent; this one is for a twin that does neither.
         if came {
             self.heard_at_s = now_s;
             ctx.request_repaint_after(self.pace.patience());
-        }
-        if drives(&self.live) {
-            ctx.request_repaint_after(SILENT_LOOK);
         }
     }
 

@@ -83,10 +83,10 @@ pub fn services(
             })
         }),
         find: Box::new(move |pair, known| {
-            let (robot, pair, ctx) = (Arc::clone(&find_robot), pair.clone(), for_find.clone());
+            let (robot, pair) = (Arc::clone(&find_robot), pair.clone());
             later(&for_find, "gap finder", move |worker| {
                 give_way();
-                find(&robot, &pair, known.as_deref(), worker, &ctx).map_err(said)
+                find(&robot, &pair, known.as_deref(), worker).map_err(said)
             })
         }),
         experiment: Box::new(move |baseline, payload_kg| {
@@ -321,7 +321,6 @@ type Answer = Result<Arc<Found>, GapError>;
 /// Reports the progress of the finder to the window; stops it once it is cancelled.
 struct Watched<'a> {
     worker: &'a Worker<Answer>,
-    ctx: &'a egui::Context,
 }
 
 impl Progress for Watched<'_> {
@@ -330,7 +329,6 @@ impl Progress for Watched<'_> {
             return Err(GapError::Stopped);
         }
         self.worker.tell(stage.name(), Some(share as f32));
-        self.ctx.request_repaint();
         Ok(())
     }
 }
@@ -340,7 +338,6 @@ fn find(
     pair: &Pair,
     known: Option<&Found>,
     worker: &Worker<Answer>,
-    ctx: &egui::Context,
 ) -> Result<Answer> {
     #[expect(
         clippy::disallowed_methods,
@@ -361,7 +358,7 @@ fn find(
     };
     let run = || -> Answer {
         let suspect = Grid::new(suspect)?;
-        let watched = Watched { worker, ctx };
+        let watched = Watched { worker };
         let (healthy, suspects) = (rig.healthy(), &[suspect]);
         let mut found = match known {
             Some(known) => find_law(robot, known, healthy, suspects, &options, &watched)?,

@@ -12,7 +12,6 @@ mod views;
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
 
 use egui::{Button, RichText, Role, Stroke, Ui, WidgetInfo};
 
@@ -449,9 +448,6 @@ pub fn ui(
     commands: &mut Vec<Command>,
 ) {
     state.poll(services);
-    if state.busy() {
-        ui.ctx().request_repaint_after(Duration::from_millis(100));
-    }
     stepper(ui, state);
     Trouble::show_until_closed(&mut state.trouble, ui);
     match state.step {

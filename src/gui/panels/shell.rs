@@ -109,9 +109,14 @@ impl Resume {
     }
 
     fn ui(&mut self, ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
-        let gate = self.gate(live, ui.input(|i| i.time));
-        if gate.is_err() {
-            ui.ctx().request_repaint_after(Duration::from_millis(100));
+        let now_s = ui.input(|i| i.time);
+        let gate = self.gate(live, now_s);
+        if let Some(held_s) = self.held_at_s {
+            let left_s = RESUME_OFF_S - (now_s - held_s);
+            if left_s > 0.0 {
+                ui.ctx()
+                    .request_repaint_after(Duration::from_secs_f64(left_s));
+            }
         }
         let fire = Fire {
             now: "▶ RESUME",

@@ -15,12 +15,12 @@ pub fn keys(display: &str, args: &[&str]) {
 }
 
 /// Where things are in a window of this size: the same program lays them out without one.
-struct Plan {
+pub struct Plan {
     harness: egui_kittest::Harness<'static, springtwin::gui::App>,
 }
 
 impl Plan {
-    fn new(welcome: bool) -> Self {
+    pub fn new(welcome: bool) -> Self {
         Self::of(welcome, springtwin::signal::Mode::AtGoal)
     }
 
@@ -62,7 +62,7 @@ impl Plan {
     }
 
     /// A real click on the middle of it.
-    fn click(&self, display: &str, label: &str) {
+    pub fn click(&self, display: &str, label: &str) {
         let [x, y] = self.at(label);
         mouse(display, &["mousemove", &x, &y]);
         std::thread::sleep(Duration::from_millis(300));

@@ -128,7 +128,7 @@ fn conduct(
         strategy: Strategy::Designed,
         seed: 1,
     };
-    let out = experiment.run(&mut arm, &mut ask, &Watched { worker, ctx })?;
+    let out = experiment.run(&mut arm, &mut ask, &Watched { worker })?;
     let (ended, seconds) = (out.ended, out.seconds());
     let rounds = out
         .rounds
