@@ -17,6 +17,7 @@ use springtwin::lab::gap_files::{
 };
 use springtwin::lab::rests::read_rests;
 use springtwin::lab::{actuation, provenance};
+use springtwin::recording::LogMap;
 use springtwin::robot::RobotSpec;
 use springtwin::sim::effects::{self, Effect};
 
@@ -50,6 +51,9 @@ pub struct RunArgs {
     /// logs of the ASU arm
     #[arg(long, value_name = "FROM:TO", value_parser = args::window, conflicts_with = "actuation_only")]
     window: Option<[f64; 2]>,
+    /// With --window: the sessions are logs of another lab, whose columns this map knows (see import log)
+    #[arg(long, value_name = "MAP.toml", requires = "window")]
+    map: Option<PathBuf>,
     /// The window of the healthy sessions, where it is another one
     #[arg(long, value_name = "FROM:TO", value_parser = args::window, requires = "window")]
     baseline_window: Option<[f64; 2]>,
@@ -195,9 +199,11 @@ fn at_rest(robot: &RobotSpec, a: &RunArgs, window: [f64; 2]) -> Result<Report> {
         "--window compares rests with healthy ones: name at least one with --baseline"
     );
     let healthy_window = a.baseline_window.unwrap_or(window);
-    let baseline = read_rests(robot, &a.baseline, healthy_window)?;
-    let suspects = read_rests(robot, &a.session, window)?;
-    let prove = read_rests(robot, &a.prove, window)?;
+    let map = a.map.as_deref().map(LogMap::read).transpose()?;
+    let read = |paths: &[PathBuf], window| read_rests(robot, paths, window, map.as_ref());
+    let baseline = read(&a.baseline, healthy_window)?;
+    let suspects = read(&a.session, window)?;
+    let prove = read(&a.prove, window)?;
     let table = table(&a.without)?;
     let mut found = gap::find_at_rest(robot, &table, &baseline, (&suspects, &prove), &Logged)?;
     found.finding.seconds = start.elapsed().as_secs_f64();

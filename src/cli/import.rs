@@ -1,23 +1,29 @@
-//! `import`: a motion-capture file becomes a session.
+//! `import`: a motion-capture file, or another lab's log, becomes a session.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
-use super::Report;
 use super::outputs::Overwrite;
+use super::{Report, args};
 use springtwin::lab::import::{Chosen, Imported, Options, import};
+use springtwin::lab::import_log::{self, ImportedLog, Shift, import_log};
 use springtwin::recording::{MarkerBody, MocapRotation};
+use springtwin::robot::RobotSpec;
 
 #[derive(Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct ImportArgs {
+    #[command(subcommand)]
+    log: Option<ImportCommand>,
     /// Vicon CSV (Trajectories, Segments, Tracker objects), OptiTrack Motive CSV, or C3D
-    file: PathBuf,
+    #[arg(required = true)]
+    file: Option<PathBuf>,
     /// Folder for the session
-    #[arg(long, value_name = "SESSION")]
-    out: PathBuf,
+    #[arg(long, value_name = "SESSION", required = true)]
+    out: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
     /// Which object's pose to take, where the file has several
@@ -45,6 +51,43 @@ pub struct ImportArgs {
     rotation: Option<Rotation>,
 }
 
+#[derive(Subcommand)]
+enum ImportCommand {
+    /// Make a session of another lab's log, by a map of its columns
+    Log(LogArgs),
+}
+
+#[derive(Args)]
+struct LogArgs {
+    /// What the columns hold (assets/logs/asu-arm.toml is one)
+    #[arg(value_name = "MAP.toml")]
+    map: PathBuf,
+    /// The log: text in columns
+    file: PathBuf,
+    /// Folder for the session
+    #[arg(long, value_name = "SESSION")]
+    out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
+    /// Motion capture, where the map has it in a file of its own
+    #[arg(long, value_name = "FILE")]
+    mocap: Option<PathBuf>,
+    /// What to add to the times of the motion capture, s; `auto` finds it: where pressures change, the arm moves
+    #[arg(long, value_name = "S|auto", default_value = "0", value_parser = shift, allow_hyphen_values = true)]
+    shift: Shift,
+    /// Only this part, in seconds of the log's own clock
+    #[arg(long, value_name = "FROM:TO", value_parser = args::window)]
+    window: Option<[f64; 2]>,
+}
+
+fn shift(text: &str) -> Result<Shift, String> {
+    match (text, text.parse::<f64>()) {
+        ("auto", _) => Ok(Shift::Correlated),
+        (_, Ok(s)) if s.is_finite() => Ok(Shift::Known(s)),
+        _ => Err("is neither a number of seconds nor auto".to_owned()),
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Rotation {
     /// The axis times the angle
@@ -63,11 +106,17 @@ impl From<Rotation> for MocapRotation {
 }
 
 /// `import`.
-pub fn run(a: &ImportArgs) -> Result<Report> {
-    a.overwrite.folder(&a.out)?;
+pub fn run(a: &ImportArgs, robot: &RobotSpec) -> Result<Report> {
+    if let Some(ImportCommand::Log(a)) = &a.log {
+        return log(a, robot);
+    }
+    let (Some(file), Some(out)) = (&a.file, &a.out) else {
+        anyhow::bail!("name the file, and the session's folder with --out");
+    };
+    a.overwrite.folder(out)?;
     let imported = import(&Options {
-        file: a.file.clone(),
-        out: a.out.clone(),
+        file: file.clone(),
+        out: out.clone(),
         object: a.object.clone(),
         markers: a.markers.clone(),
         subject: a.subject.clone(),
@@ -75,7 +124,62 @@ pub fn run(a: &ImportArgs) -> Result<Report> {
         robot_clock: a.robot_clock,
         rotation: a.rotation.map(MocapRotation::from),
     })?;
-    Ok(report(&imported, &a.out))
+    Ok(report(&imported, out))
+}
+
+/// `import log`.
+fn log(a: &LogArgs, robot: &RobotSpec) -> Result<Report> {
+    a.overwrite.folder(&a.out)?;
+    let mocap = a.mocap.clone().map(|path| (path, a.shift));
+    let imported = import_log(
+        &import_log::Options {
+            map: a.map.clone(),
+            file: a.file.clone(),
+            mocap,
+            window: a.window,
+            out: a.out.clone(),
+        },
+        robot,
+    )?;
+    Ok(log_report(&imported, a))
+}
+
+fn log_report(imported: &ImportedLog, a: &LogArgs) -> Report {
+    let log = &imported.log;
+    let seen = log.truth.iter().flatten().count();
+    let (first, last) = (log.t_s.first(), log.t_s.last());
+    let [from_s, to_s] = [first, last].map(|t| t.copied().unwrap_or_default());
+    let mut text = format!(
+        "{}: {} samples at {:.0} Hz from {from_s:.2} to {to_s:.2} s, {seen} with a pose of the end",
+        a.file.display(),
+        log.len(),
+        log.rate_hz
+    );
+    let [[base, base_flips], [end, end_flips]] = imported.left_out;
+    if base + end > 0 {
+        text += &format!(
+            "\nposes that the cameras repeat count once: {base} of the base and {end} of the end left out"
+        );
+    }
+    if let Some(r) = imported.correlation {
+        text += &format!(
+            "\nclocks: {:.2} s are added to the times of the motion capture; motion and changes of pressure then correlate by {r:.2}",
+            imported.shift_s
+        );
+    }
+    for note in &imported.notes {
+        text += &format!("\nnote: {note}");
+    }
+    text += &format!("\nsession in {}", a.out.display());
+    Report {
+        json: json!({
+            "samples": log.len(), "rate_hz": log.rate_hz, "from_s": from_s, "to_s": to_s, "poses": seen,
+            "shift_s": imported.shift_s, "correlation": imported.correlation,
+            "repeated": {"base": base, "end": end}, "flipped": {"base": base_flips, "end": end_flips},
+            "notes": imported.notes,
+        }),
+        text,
+    }
 }
 
 fn report(imported: &Imported, out: &Path) -> Report {
@@ -180,9 +284,10 @@ mod tests {
             let file = self.0.join("capture.csv");
             std::fs::write(&file, text).expect("writes");
             ImportArgs {
+                log: None,
                 overwrite: Overwrite::default(),
-                file,
-                out: self.0.join(out),
+                file: Some(file),
+                out: Some(self.0.join(out)),
                 object: None,
                 markers: None,
                 subject: None,
@@ -216,10 +321,12 @@ mod tests {
     fn one_object_becomes_a_session_that_the_program_reads() {
         let s = Scratch::new("import");
         let mut a = s.args(TWO, "deep/session");
-        let refused = run(&a).expect_err("two objects").to_string();
+        let refused = run(&a, &RobotSpec::reference())
+            .expect_err("two objects")
+            .to_string();
         assert!(refused.contains("--object") && refused.contains("arm:pad, arm:base"));
         a.object = Some("pad".to_owned());
-        let report = run(&a).expect("imports");
+        let report = run(&a, &RobotSpec::reference()).expect("imports");
         let v = &report.json;
         assert_eq!(v["format"], "vicon-segments");
         assert_eq!(v["rate_hz"], 50.0);
@@ -231,7 +338,7 @@ mod tests {
         assert_eq!(v["objects"], json!(["arm:pad", "arm:base"]));
         assert!(v.get("residual_mm").is_none());
 
-        let log = read_session(&a.out).expect("reads");
+        let log = read_session(a.out.as_ref().expect("a folder")).expect("reads");
         assert_eq!(log.t_s, [0.0, 0.02, 0.08]);
         assert_eq!(log.rate_hz, 50.0);
         assert_eq!(log.name, "session");
@@ -240,15 +347,19 @@ mod tests {
         assert!((pose.translation.vector.z + 0.3).abs() < 1e-9);
         assert!((pose.rotation.angle().to_degrees() - 90.0).abs() < 1e-4);
         assert!(log.chamber_pa.iter().flatten().all(|p| p.is_nan()));
-        let inspected = inspect(&a.out).expect("inspects");
+        let inspected = inspect(a.out.as_ref().expect("a folder")).expect("inspects");
         let x = inspected.channels.iter().find(|c| c.name == "vicon_x_mm");
         assert_eq!(x.expect("there").rows, 2);
 
-        let again = run(&a).expect_err("exists").to_string();
+        let again = run(&a, &RobotSpec::reference())
+            .expect_err("exists")
+            .to_string();
         assert!(again.contains("exists already"), "{again}");
-        a.out = s.0.join("other");
+        a.out = Some(s.0.join("other"));
         a.object = Some("hand".to_owned());
-        let none = run(&a).expect_err("no such object").to_string();
+        let none = run(&a, &RobotSpec::reference())
+            .expect_err("no such object")
+            .to_string();
         assert!(none.contains("'hand'") && none.contains("arm:base"));
         assert_eq!(s.names(), ["capture.csv", "deep"]);
     }
@@ -260,27 +371,34 @@ mod tests {
             ,,mm,mm,mm,mm,mm,mm,mm,mm,mm,mm,mm,mm\n\
             1,0,0,0,0,100,0,0,0,100,0,7,7,7\n2,0,0,0,10,100,0,10,0,100,10,7,7,7\n3,0,0,0,10,,,,0,100,10,7,7,7\n";
         let mut a = s.args(text, "body");
-        let refused = run(&a).expect_err("markers only").to_string();
+        let refused = run(&a, &RobotSpec::reference())
+            .expect_err("markers only")
+            .to_string();
         assert!(
             refused.contains("--subject") && refused.contains("b, c"),
             "{refused}"
         );
         a.subject = Some("c".to_owned());
-        let few = run(&a).expect_err("one marker").to_string();
+        let few = run(&a, &RobotSpec::reference())
+            .expect_err("one marker")
+            .to_string();
         assert!(few.contains("three"), "{few}");
         a.subject = Some("b".to_owned());
-        let v = run(&a).expect("imports").json;
+        let v = run(&a, &RobotSpec::reference()).expect("imports").json;
         assert!(v["residual_mm"].as_f64().expect("number") < 1e-9, "{v}");
         assert_eq!(v["gaps"], 1);
         assert_eq!(v["rotation"], Value::Null);
-        let log = read_session(&a.out).expect("reads");
+        let log = read_session(a.out.as_ref().expect("a folder")).expect("reads");
         let step = log.truth[1].expect("seen").translation.vector
             - log.truth[0].expect("seen").translation.vector;
         assert!((step.z - 0.01).abs() < 1e-9 && step.x.abs() < 1e-9);
-        a.out = s.0.join("named");
+        a.out = Some(s.0.join("named"));
         a.subject = None;
         a.markers = Some(["p", "q", "s"].map(str::to_owned).to_vec());
-        assert_eq!(run(&a).expect("imports").json["object"], "markers p q s");
+        assert_eq!(
+            run(&a, &RobotSpec::reference()).expect("imports").json["object"],
+            "markers p q s"
+        );
     }
 
     #[test]
@@ -294,7 +412,7 @@ mod tests {
         ] {
             let mut a = s.args(&text, "out");
             a.object = Some("arm:pad".to_owned());
-            let e = format!("{:#}", run(&a).expect_err(said));
+            let e = format!("{:#}", run(&a, &RobotSpec::reference()).expect_err(said));
             assert!(e.contains(said), "{e}");
             assert_eq!(s.names(), ["capture.csv"]);
         }

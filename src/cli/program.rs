@@ -93,8 +93,8 @@ commands! { c:
     Reach(a: drive::ReachArgs) => drive::reach_command(a, c.robot),
     /// Record a rig for a while
     Record(a: live::RecordArgs) => live::record(a, c.robot_file, c.robot),
-    /// Make a session of a motion-capture file (Vicon or OptiTrack CSV, C3D)
-    Import(a: import::ImportArgs) => import::run(a),
+    /// Make a session of a motion-capture file (Vicon or OptiTrack CSV, C3D), or of another lab's log
+    Import(a: import::ImportArgs) => import::run(a, c.robot),
     /// What is in a recording or session
     Inspect(a: files::InspectArgs) => files::inspect_command(a),
     /// Show a recording or session in the window

@@ -13,7 +13,7 @@ use crate::sensing::registration::Registration;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec};
 
 /// Largest coordinate that a session log takes, m.
-const COORDINATE_MAX_M: f64 = 10.0;
+pub(super) const COORDINATE_MAX_M: f64 = 10.0;
 /// What the poses of a session without registration are.
 const WORLD: &str = "poses are in the motion capture's own axes, not in the robot's base";
 
@@ -64,10 +64,7 @@ pub fn import(a: &Options) -> Result<Imported> {
         None => WORLD.to_owned(),
         Some(path) => place(&mut log, &chosen, path, a.robot_clock)?,
     };
-    match a.out.exists() {
-        true => write_session(&a.out, &log)?,
-        false => write_new(&a.out, &log)?,
-    }
+    write_as(&a.out, &log)?;
     Ok(Imported {
         file,
         chosen,
@@ -247,6 +244,14 @@ fn session(file: &MocapFile, object: &MocapObject, out: &Path) -> Result<Session
         truth: object.poses.clone(),
         ..SessionLog::default()
     })
+}
+
+/// Writes a session into a folder, over one that is there.
+pub(super) fn write_as(out: &Path, log: &SessionLog) -> Result<()> {
+    match out.exists() {
+        true => Ok(write_session(out, log)?),
+        false => write_new(out, log),
+    }
 }
 
 /// Writes a session into a folder that is whole or not there.

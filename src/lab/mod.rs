@@ -36,6 +36,7 @@ mod frames;
 pub mod gap_bench;
 pub mod gap_files;
 pub mod import;
+pub mod import_log;
 pub mod motions;
 pub mod multibody;
 pub mod patches;

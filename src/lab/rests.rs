@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use super::actuation::is_asu_arm;
 use crate::gap::Rest;
-use crate::recording::{self, AsuArmLog};
+use crate::recording::{self, AsuArmLog, LogMap, MappedLog};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Pose, pose_error};
 
@@ -21,21 +21,28 @@ const FLIPPED_RAD: f64 = 1.5;
 /// A span of a session's own clock, s.
 pub type Window = [f64; 2];
 
-/// The steady window of every session; logs of the ASU arm are known by their 38 columns.
+/// The steady window of every session. With a `map` they are logs whose columns it knows; without one, logs of the ASU arm are
+/// known by their 38 columns.
 ///
 /// # Errors
 /// When a file cannot be read, or the window is not steady or too short; the error names it.
-pub fn read_rests(robot: &RobotSpec, paths: &[PathBuf], window: Window) -> Result<Vec<Rest>> {
+pub fn read_rests(
+    robot: &RobotSpec,
+    paths: &[PathBuf],
+    window: Window,
+    map: Option<&LogMap>,
+) -> Result<Vec<Rest>> {
     paths
         .iter()
-        .map(|path| read_rest(robot, path, window))
+        .map(|path| read_rest(robot, path, window, map))
         .collect()
 }
 
-fn read_rest(robot: &RobotSpec, path: &Path, window: Window) -> Result<Rest> {
-    let samples = match is_asu_arm(path)? {
-        true => of_asu(robot, &recording::read_asu_arm(path)?),
-        false => of_session(path)?,
+fn read_rest(robot: &RobotSpec, path: &Path, window: Window, map: Option<&LogMap>) -> Result<Rest> {
+    let samples = match map {
+        Some(map) => of_mapped(robot, map.log(path)?),
+        None if is_asu_arm(path)? => of_asu(robot, &recording::read_asu_arm(path)?),
+        None => of_session(path)?,
     };
     samples.mean(window)
 }
@@ -66,6 +73,29 @@ fn of_asu(robot: &RobotSpec, log: &AsuArmLog) -> Samples {
         gauge_pa: log.measured_pa.clone(),
         bodies: [body(1), body(2)],
         on_base: true,
+    }
+}
+
+/// A log of another lab with its bodies in the base frame, where one on the base is tracked.
+fn of_mapped(robot: &RobotSpec, log: MappedLog) -> Samples {
+    let [base, middle, end] = log.bodies.poses;
+    let on_base = log.bodies.tracked[0];
+    let body = |poses: Vec<Option<Pose>>| -> Vec<Option<Pose>> {
+        let rows = base.iter().zip(poses);
+        rows.map(|(base, pose)| match on_base {
+            true => Some(robot.bodies[0] * (*base)?.inverse() * pose?),
+            false => pose,
+        })
+        .collect()
+    };
+    Samples {
+        name: log.name,
+        hash: log.hash,
+        payload_kg: 0.0,
+        bodies: [body(middle), body(end)],
+        on_base,
+        t_s: log.t_s,
+        gauge_pa: log.gauge_pa,
     }
 }
 

@@ -9,6 +9,7 @@
 //! - Notes and marks ([`annotate`]) are in a recording, or beside it where they are made afterwards.
 //! - The rolling recording ([`RollingFolder`], [`keep_last`]): the last hours of what the arm did.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
+//! - Logs of other labs ([`LogMap`]), read by a map of their columns.
 //! - [`read_log`] reads the signals of either, [`inspect`] lists their contents.
 //! - Motion capture ([`read_mocap`]): tables of Vicon and OptiTrack, and C3D; [`marker_body`] makes a pose of
 //!   markers.
@@ -29,6 +30,7 @@ mod journal;
 mod live;
 mod lock;
 mod log;
+mod mapped;
 mod mocap;
 mod notes;
 mod overlay;
@@ -70,6 +72,7 @@ pub use log::{
     SESSION_FILES, SessionLog, parse_log, read_session, read_session_with, session_table,
     write_session, write_session_table,
 };
+pub use mapped::{LogMap, MappedBodies, MappedLog};
 pub use mocap::{
     MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,
     marker_body, parse_mocap, read_mocap,

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::program::{json, refusal, scratch};
 
 /// Every command that writes, with the arguments that it needs, and a file that it would write under `OUT`.
-const WRITERS: [(&str, &str, &str); 38] = [
+const WRITERS: [(&str, &str, &str); 39] = [
     (
         "dataset generate",
         "--samples 9 --out OUT/d.parquet",
@@ -62,6 +62,7 @@ const WRITERS: [(&str, &str, &str); 38] = [
     ("convert", "session OUT/t.csv", "t.csv"),
     ("reprocess", "a.rrd --out OUT/r.rrd", "r.rrd"),
     ("import", "m.csv --out OUT", "log.csv"),
+    ("import log", "map.toml log.csv --out OUT", "log.csv"),
     ("rig session", "--seconds 5 --out OUT", "session.toml"),
     ("rig bench", "--out OUT/b.csv", "b.csv"),
     ("man", "--out OUT", "springtwin-gap-run.1"),

@@ -3,7 +3,7 @@
 //! The folder is named by the environment variable `SPRINGTWIN_DATA`; without it, it is
 //! `../shared/data` beside the checkout. A missing folder fails the tests that need it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::program::{json, refusal, scratch};
 use springtwin::gap;
@@ -550,4 +550,55 @@ fn nothing_is_missing_on_a_measured_arm_before_the_weight() {
     let trials = ["load400g-1", "load400g-2", "load400g-3", "load400g-4"];
     let found = at_rest(&WITHOUT_WEIGHT, &trials, &[], &["--window", "3.5:4.9"]);
     assert_eq!(found["verdict"], "nothing-missing", "{found}");
+}
+
+/// The map of columns that ships reads the measured logs as the reader of their 38 columns does; as a session they have the poses that
+/// cameras of 17 Hz saw, once each.
+#[test]
+fn a_map_of_columns_reads_another_labs_logs() {
+    use springtwin::lab::rests::read_rests;
+    use springtwin::recording::{LogMap, read_asu_arm};
+    use springtwin::robot::RobotSpec;
+
+    let file = data_dir().join("asu-arm/bend/load400g-2.csv");
+    let robot = std::fs::read_to_string("assets/robots/asu-arm.toml").expect("reads");
+    let robot = RobotSpec::from_toml(&robot).expect("a robot");
+    let map = LogMap::read(Path::new("assets/logs/asu-arm.toml")).expect("a map");
+    let paths = [file.clone()];
+    let rest = |map: Option<&LogMap>| read_rests(&robot, &paths, [22.0, 29.0], map);
+    let (own, mapped) = (
+        rest(None).expect("a rest"),
+        rest(Some(&map)).expect("a rest"),
+    );
+    assert_eq!(own, mapped);
+
+    let out = scratch("import-log").join("session");
+    let report = json(&[
+        "--robot",
+        "assets/robots/asu-arm.toml",
+        "import",
+        "log",
+        "assets/logs/asu-arm.toml",
+        file.to_str().expect("a path"),
+        "--window",
+        "0:29",
+        "--out",
+        out.to_str().expect("a path"),
+        "--json",
+    ]);
+    let log = read_asu_arm(&file).expect("reads");
+    let session = read_session(&out).expect("a session");
+    let n = log.t_s.iter().filter(|t| **t < 29.0).count();
+    assert_eq!(
+        (session.len(), report["samples"].as_u64()),
+        (n, Some(n as u64))
+    );
+    assert!((session.chamber_pa[50][2] - log.measured_pa[50][2]).abs() < 1.0);
+    let seen = session.truth.iter().flatten().count() as f64;
+    let cameras_hz = seen / 29.0;
+    assert!((10.0..25.0).contains(&cameras_hz), "{cameras_hz}");
+    assert!(
+        report["repeated"]["end"].as_u64() > Some(n as u64 / 3),
+        "{report}"
+    );
 }
