@@ -162,8 +162,7 @@ impl Suite {
             false => self.parts.contains(&p.part),
         };
         let of_cameras = |id: &&str| kind(id).is_some_and(|k| k.side == Side::FrameAndTime);
-        let shows =
-            |p: &Planned| !(self.without_cameras && p.effects.iter().any(|id| of_cameras(&id)));
+        let shows = |p: &Planned| !(self.without_cameras && p.effects.iter().any(of_cameras));
         let wanted = |p: &Planned| of_parts(p) && shows(p);
         let seeds = (0..self.seeds).map(|i| self.first_seed.wrapping_add(i));
         let all = seeds.flat_map(|s| self.of_seed(s));
