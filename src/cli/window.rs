@@ -273,6 +273,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_twin_that_has_fallen_silent_wakes_the_window() {
+        let ctx = egui::Context::default();
+        let (asked, is_asked) = sync_channel(1);
+        ctx.set_request_repaint_callback(move |_| {
+            let _ = asked.try_send(());
+        });
+        let asks = Asks {
+            ctx,
+            pace: Pace::default().wanted(),
+        };
+        let _repaint = asks.repaint().expect("a thread");
+        is_asked
+            .recv_timeout(Duration::from_secs(30))
+            .expect("a frame is asked for");
+    }
+
+    #[test]
     fn a_tick_asks_for_a_picture_without_the_windows_lock() {
         let ctx = egui::Context::default();
         let asks = Asks {

@@ -54,6 +54,9 @@ struct Settings {
 const PROGRESS_LOOK: Duration = Duration::from_millis(500);
 /// Snapshots come every 10 ms: an armed arm whose control loop has not reported for so long is shown as silent, s.
 const SILENT_S: f64 = 0.35;
+/// How often a window on an arm that moves looks for it by itself. Where it rests, whoever starts the twin looks, and what rests is
+/// painted seldom.
+const SILENT_LOOK: Duration = Duration::from_millis(100);
 
 /// Whether the arm follows commands.
 fn is_armed(snapshot: &Snapshot) -> bool {
@@ -465,10 +468,13 @@ impl App {
             Some(_) => self.recording_since.or(Some(self.live.stamp)),
             None => None,
         };
-        // The twin asks for repaints, and whoever starts it where it has fallen silent; this one is for a twin that does neither.
+        // The twin asks for repaints; this one shows that it has fallen silent.
         if came {
             self.heard_at_s = now_s;
             ctx.request_repaint_after(self.pace.patience());
+        }
+        if self.live.mode == Mode::Moving || self.live.link.venting {
+            ctx.request_repaint_after(SILENT_LOOK);
         }
     }
 

@@ -286,39 +286,37 @@ fn correlated(log: &MappedLog, bodies: &MappedBodies) -> Result<(f64, f64)> {
     Ok(((lag as f64 + fine) / SHIFT_HZ, r))
 }
 
-/// First time and how fast rows change, at [`SHIFT_HZ`]; NaN where none is known.
+/// First time and how fast rows change, at [`SHIFT_HZ`].
 fn speeds(rows: impl Iterator<Item = (f64, Vec<f64>)>) -> (f64, Vec<f64>) {
-    let mut out = (f64::NAN, Vec::new());
-    let mut last: Option<(f64, Vec<f64>)> = None;
+    let mut from_s = f64::NAN;
+    let mut out: Vec<f64> = Vec::new();
+    // The last row of each step of the grid, and its number.
+    let mut last: Option<(usize, Vec<f64>)> = None;
+    let mut newest: Option<(usize, Vec<f64>)> = None;
     for (t_s, row) in rows {
-        if out.0.is_nan() {
-            out.0 = t_s;
+        if from_s.is_nan() {
+            from_s = t_s;
         }
-        if let Some((before_s, before)) = &last {
-            let changes = row.iter().zip(before).map(|(a, b)| (a - b).powi(2));
-            let speed = changes.filter(|x| x.is_finite()).sum::<f64>().sqrt() / (t_s - before_s);
-            let to = ((t_s - out.0) * SHIFT_HZ) as usize;
-            // Over a gap the speed is its mean.
-            while out.1.len() <= to {
-                out.1.push(speed);
+        let step = ((t_s - from_s) * SHIFT_HZ) as usize;
+        if let Some((at, done)) = newest.take_if(|(at, _)| *at < step) {
+            if let Some((before, values)) = &last {
+                let changes = done.iter().zip(values).map(|(a, b)| (a - b).powi(2));
+                let way = changes.filter(|x| x.is_finite()).sum::<f64>().sqrt();
+                // Over a gap the speed is its mean.
+                let steps = at - before;
+                out.extend(std::iter::repeat_n(way / steps as f64, steps));
             }
+            last = Some((at, done));
         }
-        // What is faster than the grid is averaged by it.
-        if last
-            .as_ref()
-            .is_none_or(|(before_s, _)| t_s - before_s >= 0.5 / SHIFT_HZ)
-        {
-            last = Some((t_s, row));
-        }
+        newest = Some((step, row));
     }
-    // Over a third of a second: pressures lead the arm by about so much.
+    // Over a third of a second to either side: pressures lead the arm by about so much.
     let n = (SHIFT_HZ / 3.0) as usize;
     let smooth = |k: usize| {
-        let part = &out.1[k.saturating_sub(n)..(k + n + 1).min(out.1.len())];
+        let part = &out[k.saturating_sub(n)..(k + n + 1).min(out.len())];
         part.iter().sum::<f64>() / part.len() as f64
     };
-    out.1 = (0..out.1.len()).map(smooth).collect();
-    out
+    (from_s, (0..out.len()).map(smooth).collect())
 }
 
 /// Pearson's correlation.
