@@ -99,8 +99,6 @@ pub struct FinderConfig {
     pub monitor_limit: [f64; 2],
     /// The same for what one effect of the table explains, per parameter. Development.
     pub monitor_effect_limit: f64,
-    /// By so much the parameters of the arm's mechanics differ from posture to posture, as a share of their prior. Development.
-    pub monitor_posture: f64,
     /// What an effect explains is averaged over more time while the arm rests, whose errors are then always the same: by this factor at
     /// most a second counts less. Development.
     pub monitor_at_rest: f64,
@@ -203,8 +201,7 @@ pub const CONFIG: FinderConfig = FinderConfig {
     heading_bend_rad_s: 3.3e-4,
     monitor_s: 30.0,
     monitor_limit: [5.0, 20.0],
-    monitor_effect_limit: 15.0,
-    monitor_posture: 0.05,
+    monitor_effect_limit: 25.0,
     monitor_at_rest: 0.125,
     monitor_square_max: 60.0,
     experiment_nats: 20.0,

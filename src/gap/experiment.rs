@@ -79,7 +79,7 @@ pub struct Belief {
 const RIVAL: f64 = 0.1;
 
 impl Belief {
-    /// Whether what is named is apart from every effect that could be told from it.
+    /// Whether what is named is apart from every effect that something could set it apart from.
     pub fn is_settled(&self) -> bool {
         !self.rivals
     }

@@ -139,17 +139,8 @@ impl Monitor {
         let places: Vec<usize> = all.map(|(i, _)| *i).collect();
         let spread = DMatrix::from_fn(places.len(), places.len(), |a, b| {
             let (a, b) = (places[a], places[b]);
-            let covariance = rig.arm.covariance[(a, b)];
-            if a != b {
-                return covariance;
-            }
-            // What holds in one posture holds in the next about.
-            let k = parameters[a];
-            let there = match k.is_mechanical() {
-                true => CONFIG.monitor_posture * k.prior(),
-                false => 0.0,
-            };
-            covariance + rig.arm.between[a] + there * there
+            let between = if a == b { rig.arm.between[a] } else { 0.0 };
+            rig.arm.covariance[(a, b)] + between
         });
         let with = |(i, change): (usize, f64)| {
             let mut values = values.clone();

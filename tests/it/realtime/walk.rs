@@ -96,7 +96,11 @@ fn a_hidden_load_is_noticed_named_patched_and_no_longer_noticed() {
         std::thread::sleep(Duration::from_secs(10));
         patched.is_file()
     });
-    for (step, picture) in [("explain", "4-named.png"), ("patch", "5-patched.png")] {
+    for (step, picture) in [
+        ("locate", "4-found.png"),
+        ("explain", "5-named.png"),
+        ("patch", "6-patched.png"),
+    ] {
         act(&display, &format!("gap: {step}"));
         std::thread::sleep(Duration::from_secs(2));
         photograph(&display, &dir.join(picture));
@@ -126,7 +130,7 @@ fn a_hidden_load_is_noticed_named_patched_and_no_longer_noticed() {
     ];
     let (_program, log) = at_work(&display, &dir, &known);
     std::thread::sleep(Duration::from_secs(90));
-    photograph(&display, &dir.join("6-quiet.png"));
+    photograph(&display, &dir.join("7-quiet.png"));
     let noticed: Vec<String> = log.try_iter().filter(|l| l.contains("disagree")).collect();
     assert_eq!(noticed, [""; 0]);
 }
