@@ -196,12 +196,18 @@ impl Design {
     /// place: nothing driven so far sets them apart, and something that takes at most `left_s` would.
     pub fn after(&self, finding: &Finding, driven: &Driven, left_s: f64) -> Belief {
         let f = finding;
-        let mut belief = self.believed(f.verdict, &f.effects, &f.candidates, driven);
-        if f.verdict == Verdict::Named {
-            for rival in self.rivals(&belief, driven, left_s) {
-                belief.effects[rival].0 = RIVAL;
-                belief.rivals = true;
-            }
+        let belief = self.believed(f.verdict, &f.effects, &f.candidates, driven);
+        match f.verdict {
+            Verdict::Named => self.beside_rivals(belief, driven, left_s),
+            _ => belief,
+        }
+    }
+
+    /// What is named, with what could still take its place beside it.
+    fn beside_rivals(&self, mut belief: Belief, driven: &Driven, left_s: f64) -> Belief {
+        for rival in self.rivals(&belief, driven, left_s) {
+            belief.effects[rival].0 = RIVAL;
+            belief.rivals = true;
         }
         belief
     }
@@ -518,9 +524,8 @@ mod tests {
         let first = d.believed(Verdict::Named, &[named(&d, 0)], &[], &driven);
         assert_eq!(d.rivals(&first, &driven, 60.0), [1]);
         assert!(d.rivals(&first, &driven, 40.0).is_empty());
-        let mut belief = first.clone();
-        belief.effects[1].0 = RIVAL;
-        belief.rivals = true;
+        let belief = d.beside_rivals(first.clone(), &driven, 60.0);
+        assert!(!belief.is_settled());
         let proposed = d.next(&belief, &driven, 60.0).expect("an excitation");
         assert_eq!(proposed.index, 1);
         assert!(proposed.why.contains("apart after it"), "{}", proposed.why);

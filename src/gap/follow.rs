@@ -71,8 +71,8 @@ pub(super) struct Moment<'a> {
     pub values: &'a [f64],
     /// Pressures of the last seconds, and the number of their bins up to now.
     pub pressures: (&'a Grid, usize),
-    /// When the second before ended; none for the first.
-    pub before_s: Option<f64>,
+    /// When the second before ended, and the pressures in the chambers then; none for the first.
+    pub before: Option<(f64, [f64; CHAMBERS])>,
     /// Pressures in the chambers.
     pub chamber_pa: [f64; CHAMBERS],
     pub payload_kg: f64,
@@ -94,9 +94,8 @@ impl Moment<'_> {
             }
             false => self.chamber_pa,
         };
-        let t_s = grid.t_s[to - 1];
-        let times: Vec<f64> = self.before_s.into_iter().chain([t_s]).collect();
-        let pressures = vec![chamber_pa; times.len()];
+        let now = (grid.t_s[to - 1], chamber_pa);
+        let (times, pressures): (Vec<_>, Vec<_>) = self.before.into_iter().chain([now]).unzip();
         let course = (&times[..], &pressures[..]);
         let mut moved = arm
             .go_on(course, times.len() - 1, &[self.payload_kg])

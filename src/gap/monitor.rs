@@ -58,8 +58,10 @@ struct Second {
     columns: Vec<Row>,
     /// What a usual size of each effect changes in them.
     effects: Vec<Vec<Row>>,
-    /// Pressures of the bins up to its end.
-    gauge_pa: Vec<[f64; CHAMBERS]>,
+    /// How far the pressures have moved, over what is usual.
+    moved: f64,
+    /// Variance of the model inadequacy, in squares of the floor.
+    inadequacy: f64,
 }
 
 /// The monitor.
@@ -83,7 +85,7 @@ pub struct Monitor {
     /// When another load was declared last, s.
     rests_from_s: Option<f64>,
     judged_s: Option<f64>,
-    before_s: Option<f64>,
+    before: Option<(f64, [f64; CHAMBERS])>,
     bins: VecDeque<Bin>,
     headings: [Heading; IMUS],
     all: Level,
@@ -164,7 +166,7 @@ impl Monitor {
             began_s: None,
             rests_from_s: None,
             judged_s: None,
-            before_s: None,
+            before: None,
             bins: VecDeque::new(),
             headings: std::array::from_fn(|i| Heading::new(floors[IMU_0 + 3 * i + 2], drift[i])),
             all: Level::default(),
@@ -214,7 +216,7 @@ impl Monitor {
     fn begin_again(&mut self) {
         self.samples.clear();
         self.bins.clear();
-        (self.began_s, self.judged_s, self.before_s) = (None, None, None);
+        (self.began_s, self.judged_s, self.before) = (None, None, None);
         let changed = self.changed.iter_mut().map(|(_, _, arm)| arm);
         changed
             .chain([&mut self.arm, &mut self.coarse])
@@ -274,7 +276,7 @@ impl Monitor {
             last,
             values: &self.arm.values,
             pressures: (&grid, to),
-            before_s: self.before_s.replace(grid.t_s[to - 1]),
+            before: self.before.replace((grid.t_s[to - 1], chamber_pa[to - 1])),
             chamber_pa: chamber_pa[to - 1],
             payload_kg: payload_kg[to - 1],
             now,
@@ -292,11 +294,14 @@ impl Monitor {
             let shifted = residuals(&self.robot, &own, &bins, &values, &[]);
             columns.push(difference(last, &shifted[shifted.len() - 1], *change));
         }
+        let gauge_pa = grid.binned(gauge_pa);
+        let moved = moves(&gauge_pa);
         Some(Second {
             effects: self.likely.columns(&self.robot, &moment),
             errors,
             columns,
-            gauge_pa: grid.binned(gauge_pa),
+            moved,
+            inadequacy: inadequacy(&gauge_pa, moved),
         })
     }
 
@@ -338,9 +343,9 @@ impl Monitor {
             errors,
             columns,
             effects,
-            gauge_pa,
+            moved,
+            inadequacy,
         } = second;
-        let inadequacy = inadequacy(gauge_pa);
         let known: Vec<usize> = (0..JUDGED)
             .filter(|c| errors[SPRING_0 + c].is_finite() && self.floor[*c].is_finite())
             .collect();
@@ -367,7 +372,7 @@ impl Monitor {
         self.all.add(square, t_s);
         // One second that is far off is a blow.
         let least = (CONFIG.monitor_square_max / square).min(1.0).sqrt();
-        let new = moves(gauge_pa).clamp(CONFIG.monitor_at_rest, 1.0) / CONFIG.monitor_s;
+        let new = moved.clamp(CONFIG.monitor_at_rest, 1.0) / CONFIG.monitor_s;
         self.likely
             .add(effects, &known, (&inverse, &(weighed * least)), (t_s, new));
     }
@@ -421,13 +426,12 @@ fn of_seconds(rows: &[Row], floors: &Row) -> (DMatrix<f64>, DVector<f64>) {
     (noise, floor)
 }
 
-/// Variance of the model inadequacy at the last of these pressures, bin by bin, in squares of the floor.
-fn inadequacy(chamber_pa: &[[f64; CHAMBERS]]) -> f64 {
+/// Variance of the model inadequacy at the last of these pressures, which have `moved` so far, in squares of the floor.
+fn inadequacy(chamber_pa: &[[f64; CHAMBERS]], moved: f64) -> f64 {
     let level = chamber_pa.last().map_or(0.0, |now| {
         now.iter().map(|p| (p / USUAL_PA).powi(2)).sum::<f64>()
     });
-    CONFIG.inadequacy.powi(2) * (1.0 + level)
-        + CONFIG.inadequacy_rate.powi(2) * moves(chamber_pa).powi(2)
+    CONFIG.inadequacy.powi(2) * (1.0 + level) + (CONFIG.inadequacy_rate * moved).powi(2)
 }
 
 /// How far the pressures have moved in the last second, bin by bin, over what is usual.

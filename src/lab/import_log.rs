@@ -5,12 +5,11 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result};
 
 use super::import::{COORDINATE_MAX_M, write_as};
+use super::rests::FLIPPED_RAD;
 use crate::recording::{LogMap, MappedBodies, MappedLog, SessionLog};
 use crate::robot::RobotSpec;
 use crate::signal::Pose;
 
-/// A body that turns by more from one sample to the next has flipped, rad.
-const FLIPPED_RAD: f64 = 1.5;
 /// A pose belongs to a sample of the log that is this near, s: half of a period of slow cameras.
 const NEAR_S: f64 = 0.03;
 /// Clocks that are further apart than this are not brought together, s.
@@ -176,7 +175,7 @@ fn end_poses(bodies: &MappedBodies, robot: &RobotSpec, t_s: &[f64]) -> Vec<Optio
         .map(|k| {
             base = bodies.poses[0][k].or(base);
             let from_body = match bodies.tracked[0] {
-                true => robot.bodies[0] * base?.inverse() * bodies.poses[2][k]?,
+                true => robot.base_from_captured(&base?, &bodies.poses[2][k]?),
                 false => bodies.poses[2][k]?,
             };
             Some(from_body * end.inverse())

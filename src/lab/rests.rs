@@ -16,7 +16,7 @@ const STEADY_PA: f64 = 3e3;
 /// Fewest samples of a window.
 const SAMPLES_MIN: usize = 10;
 /// A body that turns by more from one sample to the next has flipped, rad.
-const FLIPPED_RAD: f64 = 1.5;
+pub(super) const FLIPPED_RAD: f64 = 1.5;
 
 /// A span of a session's own clock, s.
 pub type Window = [f64; 2];
@@ -40,6 +40,10 @@ pub fn read_rests(
 
 fn read_rest(robot: &RobotSpec, path: &Path, window: Window, map: Option<&LogMap>) -> Result<Rest> {
     let samples = match map {
+        Some(map) if map.captured_apart() => anyhow::bail!(
+            "{}: the map has motion capture in a file of its own, which is not read with a window: make a session of the two with import log",
+            path.display()
+        ),
         Some(map) => of_mapped(robot, map.log(path)?),
         None if is_asu_arm(path)? => of_asu(robot, &recording::read_asu_arm(path)?),
         None => of_session(path)?,
@@ -62,7 +66,7 @@ struct Samples {
 fn of_asu(robot: &RobotSpec, log: &AsuArmLog) -> Samples {
     let body = |k: usize| -> Vec<Option<Pose>> {
         let rows = log.bodies.iter();
-        rows.map(|b| Some(robot.bodies[0] * b[0]?.inverse() * b[k]?))
+        rows.map(|b| Some(robot.base_from_captured(&b[0]?, &b[k]?)))
             .collect()
     };
     Samples {
@@ -83,7 +87,7 @@ fn of_mapped(robot: &RobotSpec, log: MappedLog) -> Samples {
     let body = |poses: Vec<Option<Pose>>| -> Vec<Option<Pose>> {
         let rows = base.iter().zip(poses);
         rows.map(|(base, pose)| match on_base {
-            true => Some(robot.bodies[0] * (*base)?.inverse() * pose?),
+            true => Some(robot.base_from_captured(&(*base)?, &pose?)),
             false => pose,
         })
         .collect()
@@ -208,6 +212,17 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
+
+    #[test]
+    fn a_map_with_motion_capture_apart_is_refused() {
+        let map = "[time]\ncolumn = 1\nunit = \"s\"\n[pressure]\ncolumns = [2, 0, 0, 0, 0, 0]\nunit = \"kPa\"\n\
+                   [mocap.time]\ncolumn = 1\nunit = \"s\"\n[mocap.bodies]\n";
+        let map = LogMap::from_toml(map).expect("a map");
+        let robot = RobotSpec::reference();
+        let read = read_rests(&robot, &["log.csv".into()], [0.0, 1.0], Some(&map));
+        let refused = read.expect_err("two files").to_string();
+        assert!(refused.contains("import log"), "{refused}");
+    }
 
     fn samples(moves_pa: f64) -> Samples {
         let n = 100;

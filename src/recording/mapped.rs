@@ -21,6 +21,7 @@ use serde::Deserialize;
 use sha2::{Digest as _, Sha256};
 
 use super::RecordingError;
+use super::asu::PSI_PA;
 use super::csv::{Lines, fields};
 use super::size_limit::SizeLimit;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec, hex, toml_error};
@@ -31,8 +32,6 @@ const MAP: SizeLimit = SizeLimit::of_kind(64 << 10, "a map of columns");
 const LINE_MAX: usize = 1 << 20;
 /// How far the length of a quaternion may be off 1.
 const UNIT: f64 = 0.05;
-/// Pa per psi.
-const PSI_PA: f64 = super::PSI_PA;
 
 /// A column by its number (from 1; 0: there is none) or its name.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -206,14 +205,14 @@ impl LogMap {
         let commanded_pa = commanded
             .map(|c| table.several(c, &PRESSURES))
             .transpose()?;
-        let springs: Option<Vec<[f64; SPRINGS]>> = match &self.springs {
-            Some(s) => Some(table.several(s, &LENGTHS)?),
-            None => None,
-        };
-        let imus: Option<Vec<[f64; 3 * IMUS]>> = match &self.imus {
-            Some(s) => Some(table.several(s, &ANGLES)?),
-            None => None,
-        };
+        let springs = self.springs.as_ref();
+        let springs = springs
+            .map(|s| table.several::<SPRINGS>(s, &LENGTHS))
+            .transpose()?;
+        let imus = self.imus.as_ref();
+        let imus = imus
+            .map(|s| table.several::<{ 3 * IMUS }>(s, &ANGLES))
+            .transpose()?;
         let sensors = (0..times.len()).map(|k| SensorVec {
             spring_m: springs.as_ref().map_or([f64::NAN; SPRINGS], |s| s[k]),
             imu_ypr_rad: std::array::from_fn(|i| {

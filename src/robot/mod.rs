@@ -198,6 +198,11 @@ pub struct RobotSpec {
 }
 
 impl RobotSpec {
+    /// A pose that motion capture has beside that of its body on the base, in the base frame.
+    pub fn base_from_captured(&self, base: &Pose, body: &Pose) -> Pose {
+        self.bodies[0] * base.inverse() * body
+    }
+
     /// Pad of each IMU (see [`PadId::index`]).
     pub fn pad_of_imu(&self) -> [usize; IMUS] {
         self.imus.each_ref().map(|imu| imu.pad.index())

@@ -8,10 +8,10 @@ use std::time::Duration;
 
 use springtwin::robot::RobotSpec;
 
-use super::window::{Plan, keys};
+use super::window::{Plan, focus, keys};
 use crate::process::{Running, until_within, wait_for};
 use crate::program::{json, scratch};
-use crate::window::{display, mouse, photograph, start_with};
+use crate::window::{display, photograph, start_with};
 
 /// The finder computes what to drive, drives for half a minute or more, and looks; several times perhaps.
 const EXPERIMENT: Duration = Duration::from_secs(900);
@@ -26,18 +26,6 @@ fn act(display: &str, name: &str) {
     std::thread::sleep(Duration::from_secs(1));
     keys(display, &["key", "Escape"]);
     std::thread::sleep(Duration::from_secs(1));
-}
-
-fn focus(display: &str) {
-    let args = [
-        "search",
-        "--onlyvisible",
-        "--name",
-        "springtwin",
-        "windowfocus",
-    ];
-    mouse(display, &args);
-    std::thread::sleep(Duration::from_secs(2));
 }
 
 /// A window on the virtual rig with the welcome closed and the arm on its way round a circle.

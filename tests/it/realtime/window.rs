@@ -14,6 +14,13 @@ pub fn keys(display: &str, args: &[&str]) {
     std::thread::sleep(Duration::from_millis(250));
 }
 
+/// Gives the window the keyboard: without a window manager nobody does.
+pub fn focus(display: &str) {
+    let args = ["search", "--onlyvisible", "--name", "springtwin"];
+    mouse(display, &[&args[..], &["windowfocus"]].concat());
+    std::thread::sleep(Duration::from_secs(3));
+}
+
 /// Where things are in a window of this size: the same program lays them out without one.
 pub struct Plan {
     harness: egui_kittest::Harness<'static, springtwin::gui::App>,
@@ -94,18 +101,7 @@ fn a_newcomer_closes_the_welcome_and_sends_the_arm_to_targets_with_mouse_and_key
     wait_for(&log, "Board 2 is ready");
     std::thread::sleep(Duration::from_secs(5));
     assert_eq!(motions(&log), NONE, "nothing moves unasked");
-    // Without a window manager nobody gives the window the keyboard.
-    mouse(
-        &display,
-        &[
-            "search",
-            "--onlyvisible",
-            "--name",
-            "springtwin",
-            "windowfocus",
-        ],
-    );
-    std::thread::sleep(Duration::from_secs(3));
+    focus(&display);
     photograph(&display, &dir.join("welcome.png"));
     Plan::new(true).click(&display, "Close the welcome");
     motions(&log);
