@@ -68,7 +68,8 @@ pub fn maps_for(robot: &RobotSpec, rig: &str, networks: Option<&Path>) -> Result
         }
         (None, false) => model(None)?,
     };
-    if let Some(notice) = trained_for_another(&model, robot) {
+    // An arm that lacks sensors uses none.
+    if let Some(notice) = trained_for_another(&model, robot).filter(|_| robot.lacks().is_none()) {
         log::warn!("{notice}");
     }
     Ok(model.into())

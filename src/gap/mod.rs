@@ -66,15 +66,15 @@ pub use monitor::Monitor;
 pub use noise::Noise;
 pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};
 pub use replay::{
-    CalibrationParameter, Row, calibration_parameters, captured_poses, move_arm, nominal,
-    parameters, predicted, readings, residuals,
+    CalibrationParameter, Row, calibration_parameters, captured_poses, follow_pressures, move_arm,
+    nominal, parameters, predicted, readings, residuals,
 };
 pub use session::{
     CHANNELS, Grid, IMU_0, Measured, SECONDS_MIN, SPRING_0, Session, channel_name, recorded_with,
     same_robot,
 };
 
-pub use statics::{Rest, find_at_rest};
+pub use statics::{Rest, find_at_rest, uncertain_parameters};
 
 use rayon::prelude::*;
 

@@ -4,7 +4,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::session::{CHANNELS, Grid, IMU_0, SPRING_0, within};
 use crate::robot::RobotSpec;
-use crate::signal::{IMUS, Pose, SPRINGS, pose_error};
+use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, pose_error};
+use crate::sim::Model;
 use crate::sim::effects::{self, Active, EffectError, Simulated};
 pub use crate::sim::patch::{
     CalibrationParameter, calibration_parameters, nominal, parameters, readings,
@@ -74,12 +75,7 @@ pub fn move_arm(
     values: &[f64],
     effects: &[Active],
 ) -> Result<Simulated, EffectError> {
-    let Correction {
-        values,
-        mut effects,
-    } = Correction::known(robot).and(values, effects);
-    effects.extend(motions(&values));
-    let model = crate::sim::patch::model(robot, &values);
+    let (model, mut effects) = corrected(robot, values, effects);
     let fine = &grid.session.t_s;
     let chamber_pa = grid.binned(&effects::behind_gauges(
         robot,
@@ -89,6 +85,38 @@ pub fn move_arm(
     ));
     effects.retain(is_mechanical);
     effects::arm_only(&model, &grid.t_s, &chamber_pa, &grid.payload_kg(), &effects)
+}
+
+/// The arm of a robot with calibration parameters and effects on top of its patches, and all that acts in it.
+fn corrected(robot: &RobotSpec, values: &[f64], effects: &[Active]) -> (Model, Vec<Active>) {
+    let Correction {
+        values,
+        mut effects,
+    } = Correction::known(robot).and(values, effects);
+    effects.extend(motions(&values));
+    (crate::sim::patch::model(robot, &values), effects)
+}
+
+/// Moves the arm of these calibration parameters through measured pressures, Pa, at every one of the instants, s, with the declared
+/// payloads, kg. The end pad's captured pose is that of its tracked body.
+///
+/// # Errors
+/// As [`move_arm`].
+pub fn follow_pressures(
+    robot: &RobotSpec,
+    values: &[f64],
+    (t_s, gauge_pa): (&[f64], &[[f64; CHAMBERS]]),
+    payload_kg: &[f64],
+) -> Result<Simulated, EffectError> {
+    let (model, mut effects) = corrected(robot, values, &[]);
+    let chamber_pa = effects::behind_gauges(robot, t_s, gauge_pa, &effects);
+    effects.retain(is_mechanical);
+    let mut moved = effects::arm_only(&model, t_s, &chamber_pa, payload_kg, &effects)?;
+    let pad_from_body = pad_from_body(&Correction::known(robot).and(values, &[]).values);
+    for [_, end] in &mut moved.captured {
+        *end *= pad_from_body;
+    }
+    Ok(moved)
 }
 
 /// Whether an effect acts on the arm itself.

@@ -9,6 +9,8 @@
 //! is, so the interval of a mass has all that an unknown stiffness leaves open. An effect is proved on suspect rests that were left
 //! out of the fit one after the other, and on rests that had no part in it.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 
 use super::candidates::{Candidate, Table, candidates};
@@ -98,6 +100,16 @@ fn unknowns(u: &Uncertainty) -> Vec<(Unknown, f64)> {
     });
     let middle = (0..6).map(|k| (Unknown::MiddleBody(k), body(k)));
     rig.chain(middle).collect()
+}
+
+/// The calibration parameters that rests show, by their index, with the standard deviations that the robot file states.
+pub fn uncertain_parameters(robot: &RobotSpec) -> Vec<(usize, f64)> {
+    let all = unknowns(&robot.uncertainty).into_iter();
+    let rig = all.filter_map(|(unknown, sd)| match unknown {
+        Unknown::Rig(i, _) => Some((i, sd)),
+        Unknown::MiddleBody(_) => None,
+    });
+    rig.collect()
 }
 
 /// A rig with the values of its unknowns.
@@ -678,12 +690,28 @@ pub fn find_at_rest(
     };
     found.retain(|e| e.instead_of.is_none());
     let values = &named.unwrap_or(&healthy).rig.values;
-    let patch = patch_of(robot, &finding, found, values);
+    let mut patch = patch_of(robot, &finding, found, values);
+    patch.floor = floors(&finding.channels);
     Ok(Found {
         gain: named.map_or(0.0, gain),
         finding,
         patch,
     })
+}
+
+/// What healthy rests predict of each other at the end pad.
+fn floors(channels: &[ChannelError]) -> BTreeMap<String, f64> {
+    let of = |(key, name, unit): (&str, &str, f64)| {
+        let c = channels.iter().find(|c| c.name == name)?;
+        Some((key.to_owned(), c.floor? * unit))
+    };
+    [
+        ("position_m", TIP, 1e-3),
+        ("rotation_rad", "r2 tip rotation", 1_f64.to_radians()),
+    ]
+    .into_iter()
+    .filter_map(of)
+    .collect()
 }
 
 /// How well a rest repeats, as errors: the file has distances and angles, these are their components.

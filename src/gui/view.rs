@@ -58,6 +58,17 @@ impl View<'_> {
             Some(name) => Err(format!(
                 "Replaying {name}: close the replay to control the arm."
             )),
+            None => self.drivable(),
+        }
+    }
+
+    /// Whether this program can drive the robot at all.
+    pub fn drivable(&self) -> Gate {
+        match self.spec.lacks() {
+            Some(lacks) => Err(format!(
+                "This arm has {lacks}: nothing estimates its pose, so it cannot be driven. Its recordings can be replayed, and \
+                 compared with the model."
+            )),
             None => Ok(()),
         }
     }

@@ -21,6 +21,7 @@
 //! - [`commission`], [`gap_files`], [`actuation`], [`patches`]: what the gap finder reads and writes.
 //! - [`mod@provenance`]: whether recordings that are used together were made alike.
 //! - [`import`]: motion capture as a session.
+//! - [`predicted`]: recordings of arms that nothing estimates, by their model.
 //! - [`doctor`], [`ranges`]: checks before work begins.
 //! - [`table`], [`columns`], [`drive_log`]: tables of figures, their columns, and a drive as a table with pictures.
 
@@ -40,6 +41,7 @@ pub mod import_log;
 pub mod motions;
 pub mod multibody;
 pub mod patches;
+pub mod predicted;
 mod progress;
 pub mod provenance;
 pub mod ranges;

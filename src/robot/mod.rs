@@ -217,18 +217,22 @@ impl RobotSpec {
         }
     }
 
-    /// Why this program cannot drive the arm; nothing if it can.
-    pub fn why_not_driven(&self) -> Option<String> {
-        let lacks: Vec<&str> = [(self.has_springs, "springs"), (self.has_imus, "IMUs")]
+    /// Which sensors the arm lacks, as in "no springs and no IMUs"; nothing if it has all.
+    pub fn lacks(&self) -> Option<String> {
+        let lacks: Vec<&str> = [(self.has_springs, "no springs"), (self.has_imus, "no IMUs")]
             .into_iter()
             .filter_map(|(has, what)| (!has).then_some(what))
             .collect();
-        (!lacks.is_empty()).then(|| {
+        (!lacks.is_empty()).then(|| lacks.join(" and "))
+    }
+
+    /// Why this program cannot drive the arm; nothing if it can.
+    pub fn why_not_driven(&self) -> Option<String> {
+        self.lacks().map(|lacks| {
             format!(
-                "the robot file '{}' has no {}: nothing estimates the pose of this arm, so it cannot be driven; its logs can be \
+                "the robot file '{}' has {lacks}: nothing estimates the pose of this arm, so it cannot be driven; its logs can be \
                  compared with `springtwin gap run --window`",
-                self.name,
-                lacks.join(" and no ")
+                self.name
             )
         })
     }

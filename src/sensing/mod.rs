@@ -43,7 +43,7 @@ use imu::{ImuTrack, Sample};
 use noise::Noise;
 use platform::{LEGS, Segment};
 use repeats::{Frozen, RawLength, Repeats};
-pub use shape::shape_by_sensors;
+pub use shape::{shape_by_pads, shape_by_sensors};
 use spring::SpringReading;
 use ways::Ways;
 use wiring::Wiring;

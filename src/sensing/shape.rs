@@ -25,22 +25,27 @@ pub fn shape_by_sensors(robot: &RobotSpec, frame: &SensorFrame) -> Option<ArmSha
     for k in 0..2 {
         upper_from_lower[k] = segment_pose(&Segment::of(robot, k), frame, k, between[k])?;
     }
-    let [middle, end] = pads(robot, &upper_from_lower);
+    Some(shape_by_pads(robot, pads(robot, &upper_from_lower)))
+}
+
+/// The shape of an arm whose middle and end pads stand there: springs between them, and backbones as in [`shape_by_sensors`].
+pub fn shape_by_pads(robot: &RobotSpec, [middle, end]: [Pose; 2]) -> ArmShape {
     let below = Pose::translation(0.0, 0.0, -robot.pad_thickness_m);
     let upper = [Pose::identity(), middle * below];
     let lower = [middle, end];
     let mut spring_ends_m = [[[0.0; 3]; 2]; SPRINGS];
-    for (i, ends) in spring_ends_m.iter_mut().enumerate() {
+    let springs = spring_ends_m.iter_mut().enumerate();
+    for (i, ends) in springs.filter(|_| robot.has_springs) {
         let k = i / LEGS;
         let top = upper[k] * nalgebra::Point3::from(robot.spring_top_m[i]);
         let bottom = lower[k] * nalgebra::Point3::from(robot.spring_bottom_m[i]);
         *ends = [top.coords.into(), bottom.coords.into()];
     }
-    Some(ArmShape {
+    ArmShape {
         base_from_section: std::array::from_fn(|k| backbone(&upper[k], &lower[k])),
         base_from_pad: [Pose::identity(), middle, end],
         spring_ends_m,
-    })
+    }
 }
 
 /// Base from middle (0) or end pad (1) by the IMUs there that may be used.

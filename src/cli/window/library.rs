@@ -11,11 +11,13 @@ use std::time::SystemTime;
 use jiff::tz::TimeZone;
 use springtwin::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
 use springtwin::gui::RecordingEntry;
+use springtwin::lab::predicted;
 use springtwin::recording::{
     Inspection, Inspector, RecordedEvent, RecordingError, RecordingFile, Selection, SizeLimit,
     Thinning, inspect, inspect_log, is_later_segment, is_rrd, notes_path, part_of,
     read_session_with, segment_path,
 };
+use springtwin::robot::RobotSpec;
 use springtwin::signal::{Snapshot, Stamp, Trace};
 
 /// Where the window finds recordings, besides the folder that it records to.
@@ -216,8 +218,19 @@ fn size_of_all(path: &Path) -> u64 {
 const SNAPSHOTS: u64 = 360_000;
 
 /// Reads a recording or a session log, or the part of it that is named as [`part_of`] has it, and looks into it. Of a recording that is longer than memory allows the window gets
-/// snapshots that are farther apart. Given up when `go_on`, which receives the share that is done, answers `false`.
-pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, String> {
+/// snapshots that are farther apart. What nothing estimates is completed by the model of `robot`. Given up when `go_on`, which receives the share that is done, answers `false`.
+pub fn load(
+    robot: &RobotSpec,
+    path: &Path,
+    go_on: &mut dyn FnMut(f32) -> bool,
+) -> Result<Loaded, String> {
+    let mut loaded = read(path, go_on)?;
+    let completed = predicted::complete(robot, &mut loaded.trace);
+    completed.map_err(|e| format!("{}: {e}", path.display()))?;
+    Ok(loaded)
+}
+
+fn read(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, String> {
     let (path, part) = part_of(path).map_err(|e| e.to_string())?;
     let path = path.as_path();
     if !is_rrd(path) {
@@ -228,10 +241,9 @@ pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, S
         fits.map_err(|e| e.to_string())?;
         let seen = inspect_log(&log);
         let about = about(path, &seen, Vec::new());
-        return Ok(Loaded {
-            trace: log.to_trace(),
-            about,
-        });
+        let mut trace = log.to_trace();
+        hold_truth(&mut trace);
+        return Ok(Loaded { trace, about });
     }
     let file = RecordingFile::open(path).map_err(|e| e.to_string())?;
     let apart_s = apart_s(&file, &part);
@@ -257,6 +269,17 @@ pub fn load(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, S
         ..about(path, &inspector.finish(), events)
     };
     Ok(Loaded { trace, about })
+}
+
+/// Motion capture that is slower than a log: its newest pose stays, as on a live twin.
+fn hold_truth(trace: &mut Trace) {
+    let mut newest = None;
+    for s in &mut trace.snapshots {
+        match &s.truth {
+            Some(_) => newest.clone_from(&s.truth),
+            None => s.truth.clone_from(&newest),
+        }
+    }
 }
 
 /// How far apart the snapshots of a part of a recording must be for the window to hold them, s; `None` for all of them.
@@ -308,7 +331,10 @@ mod tests {
         std::fs::create_dir_all(&folder).expect("folder");
         let path = folder.join("X.RRD");
         std::fs::copy(&whole, &path).expect("copied");
-        let (listed, loaded) = (scan(&folder, &Known::default()), load(&path, &mut |_| true));
+        let (listed, loaded) = (
+            scan(&folder, &Known::default()),
+            load(&RobotSpec::reference(), &path, &mut |_| true),
+        );
         std::fs::remove_dir_all(&folder).expect("removed");
         assert_eq!(listed.len(), 1);
         assert!(loaded.is_ok_and(|l| !l.trace.snapshots.is_empty()));
@@ -354,14 +380,14 @@ mod tests {
     #[test]
     fn a_recording_that_was_cut_loads_to_its_last_record_and_says_so() {
         let whole = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/point-to-point.rrd");
-        let all = load(&whole, &mut |_| true).expect("the sample recording");
+        let all = read(&whole, &mut |_| true).expect("the sample recording");
         assert!(all.about.cut_at.is_none() && !all.about.channels.is_empty());
         assert!(!all.about.events.is_empty());
         let bytes = std::fs::read(&whole).expect("the sample recording");
         let name = format!("springtwin-cut-{}.rrd", std::process::id());
         let path = std::env::temp_dir().join(name);
         std::fs::write(&path, &bytes[..bytes.len() * 6 / 10]).expect("written");
-        let cut = load(&path, &mut |_| true);
+        let cut = read(&path, &mut |_| true);
         let entry = describe(path.clone(), "cut".into(), 1);
         std::fs::remove_file(&path).expect("removed");
         let cut = cut.expect("its first part is whole");

@@ -13,6 +13,7 @@ use crate::cli::args::Kind;
 use crate::cli::outputs::Overwrite;
 use crate::cli::solve::Simulator;
 use crate::cli::{Report, args, picture};
+use springtwin::analysis::player::Player;
 use springtwin::drive::{DEFAULT_RIG, Instruments, TwinBuilder, model, rig_options};
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::pace::Pace;
@@ -46,6 +47,9 @@ pub struct ScreenshotArgs {
     /// Show a recording or a session instead of the virtual rig
     #[arg(long, value_name = "F")]
     recording: Option<PathBuf>,
+    /// Show the recording as it is played at this time of its own clock, s; its end without it
+    #[arg(long, value_name = "S", value_parser = args::not_negative, requires = "recording")]
+    at: Option<f64>,
     /// Preview this target, mm
     #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]
     preview: Option<[f64; 3]>,
@@ -121,10 +125,14 @@ pub fn screenshot(
     // Screens of live values wait for a twin.
     let connecting = a.state == StateName::Loading
         && !matches!(a.screen, ScreenName::Recordings | ScreenName::Gap);
-    let mut snapshots: Vec<Snapshot> = match (&a.recording, &a.pressures) {
-        (Some(path), _) => {
-            let loaded = library::load(path, &mut |_| true).map_err(anyhow::Error::msg)?;
-            loaded.trace.snapshots
+    let player = match &a.recording {
+        Some(path) => Some(played(robot, path, a.at)?),
+        None => None,
+    };
+    let mut snapshots: Vec<Snapshot> = match (&player, &a.pressures) {
+        (Some(player), _) => {
+            let (trace, newest) = player.newest();
+            vec![trace.snapshots[newest].clone()]
         }
         (None, Some(chamber_pa)) => vec![picture::at_rest(robot, chamber_pa, a.payload)?],
         (None, None) if a.state == StateName::Empty || connecting => Vec::new(),
@@ -148,7 +156,13 @@ pub fn screenshot(
         ThemeName::Light => egui::Theme::Light,
         ThemeName::Dark => egui::Theme::Dark,
     };
-    let mut app = App::for_screenshot(screen, theme, robot.clone(), &snapshots);
+    let live = if player.is_some() {
+        &[]
+    } else {
+        &snapshots[..]
+    };
+    let mut app = App::for_screenshot(screen, theme, robot.clone(), live);
+    app.player = player;
     let pixels = a.size.map(|s| (f64::from(s) * a.scale).round() as u32);
     let mut offscreen = Offscreen::new(pixels, a.scale as f32)?;
     let scratch = Scratch::new();
@@ -183,6 +197,28 @@ pub fn screenshot(
         text: format!("{} ({}x{})", a.out.display(), pixels[0], pixels[1]),
         json: json!({"out": a.out, "width": pixels[0], "height": pixels[1]}),
     })
+}
+
+/// A recording that stands at `at_s` of its own clock, else at its end.
+fn played(robot: &RobotSpec, path: &Path, at_s: Option<f64>) -> Result<Player> {
+    let loaded = library::load(robot, path, &mut |_| true).map_err(anyhow::Error::msg)?;
+    let mut player = Player::loaded(loaded, &mut |_| true).map_err(anyhow::Error::msg)?;
+    player.playing = false;
+    let [from_s, seconds] = [player.start_s(), player.duration_s()];
+    player.position_s = match at_s {
+        None => seconds,
+        Some(at_s) => {
+            let position_s = at_s - from_s;
+            anyhow::ensure!(
+                (0.0..=seconds).contains(&position_s),
+                "{} lasts from {from_s:.1} to {:.1} s: it has nothing at {at_s} s",
+                path.display(),
+                from_s + seconds
+            );
+            position_s
+        }
+    };
+    Ok(player)
 }
 
 /// A folder for what pressed controls make; it goes when the picture is done.

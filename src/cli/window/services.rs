@@ -20,6 +20,7 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
     let for_notes = ctx.clone();
     let for_keep = (ctx.clone(), rigs.rolling());
     let for_rolling = for_keep.clone();
+    let for_model = rigs.robot.clone();
     let (for_name, for_load, for_align) = (ctx.clone(), ctx.clone(), ctx.clone());
     let (for_ports, for_dialog, for_write) = (ctx.clone(), ctx.clone(), ctx.clone());
     let kept = rigs.data.clone();
@@ -30,11 +31,11 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
         exports: data.join("exports"),
         scan: scanner(ctx, library::Places::new(&scratch)),
         load: Box::new(move |path| {
-            let path = path.to_owned();
+            let (path, robot) = (path.to_owned(), for_model.clone());
             later(&for_load, "loader", move |worker| {
                 let what = format!("Reading {}", path.display());
                 worker.tell(&what, None);
-                let loaded = library::load(&path, &mut |share| {
+                let loaded = library::load(&robot, &path, &mut |share| {
                     worker.tell(&what, Some(share));
                     !worker.cancelled()
                 })?;

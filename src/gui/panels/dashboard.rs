@@ -10,7 +10,7 @@ use super::widgets::{
 use crate::analysis::history::Channel;
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
-use crate::signal::{IMUS, SPRINGS, spring_name};
+use crate::signal::{IMUS, SPRINGS, SensorFrame, spring_name};
 
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>) {
@@ -18,9 +18,25 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
         note(ui, "No sensors yet: waiting for the first frame.");
         return;
     };
+    dense(ui);
+    match view.spec.has_springs {
+        true => springs(ui, view, frame),
+        false => {
+            note(ui, "This arm has no springs.");
+        }
+    }
+    ui.add_space(4.0);
+    match view.spec.has_imus {
+        true => imus(ui, frame),
+        false => {
+            note(ui, "This arm has no IMUs.");
+        }
+    }
+}
+
+fn springs(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
     let p = *Palette::in_ui(ui);
     let range = view.spec.spring.range_m.map(|x| x * 1e3);
-    dense(ui);
     heading(ui, "Springs / mm");
     // Two columns of name, bar, value and glyph with 4 between, 12 between the columns.
     let bar = (ui.available_width() - 12.0 - 2.0 * (24.0 + 44.0 + 14.0 + 3.0 * 4.0)) / 2.0;
@@ -63,7 +79,10 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
             }
         });
     }
-    ui.add_space(4.0);
+}
+
+fn imus(ui: &mut Ui, frame: &SensorFrame) {
+    let p = *Palette::in_ui(ui);
     let width = ((ui.available_width() - 76.0 - 14.0 - 4.0 * 4.0) / 3.0).clamp(36.0, 80.0);
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;

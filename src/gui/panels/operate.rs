@@ -11,6 +11,7 @@ use super::plot::TimeWindow;
 use super::strips::StripChoice;
 use super::target::TargetDraft;
 use super::view3d::{self, Edited, View3d, View3dOutput, scene_view};
+use super::widgets::note;
 use super::{View, chambers, dashboard, pose, simulator, strips, target};
 use crate::gui::scene::{PlanMarks, Tool};
 use crate::gui::theme::Palette;
@@ -234,6 +235,9 @@ impl Behavior<Pane> for Panes<'_, '_> {
             }
             match pane {
                 Pane::View3d => self.view3d(ui),
+                Pane::Plan | Pane::Target if self.view.drivable().is_err() => {
+                    note(ui, self.view.drivable().err().unwrap_or_default());
+                }
                 Pane::Plan => {
                     self.plan_shown = true;
                     let target_m = self.draft.parse().ok();

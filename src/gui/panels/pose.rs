@@ -104,6 +104,13 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
             note(ui, "No Vicon: prediction only.");
         }
     }
+    if let Some(lacks) = view.spec.lacks() {
+        note(
+            ui,
+            format!("This arm has {lacks}: predicted by the rod model at the measured pressures."),
+        );
+        return;
+    }
     let d = estimate.training_distance;
     if d > FAR_DISTANCE {
         status(

@@ -174,7 +174,9 @@ pub fn compose(
         }
         c.pads(shape);
         c.springs(shape, input.selected_spring);
-        c.imus(shape);
+        if robot.has_imus {
+            c.imus(shape);
+        }
         c.gripper(&shape.base_from_pad[2], gripper, snapshot.payload_kg);
         c.blobs(shape);
     }
@@ -447,14 +449,17 @@ impl Composer<'_> {
             gloss: 0.25,
             glow: 0.0,
         };
-        self.rigid(Part::Palm, below, body, Some(Entity::Gripper));
         let part = match state {
             Gripper::Open => Part::FingerOpen,
             Gripper::Closed => Part::FingerClosed,
         };
-        for k in 0..3 {
-            let turn = Affine3A::from_rotation_z(TAU * (k as f32 + 0.5) / 3.0);
-            self.rigid(part, below * turn, soft, Some(Entity::Gripper));
+        // An arm without a gripper states no mass of one.
+        if self.robot.gripper_kg > 0.0 {
+            self.rigid(Part::Palm, below, body, Some(Entity::Gripper));
+            for k in 0..3 {
+                let turn = Affine3A::from_rotation_z(TAU * (k as f32 + 0.5) / 3.0);
+                self.rigid(part, below * turn, soft, Some(Entity::Gripper));
+            }
         }
         if payload_kg > 0.0 {
             let centre = Vec3::NEG_Z * self.robot.payload_com_m as f32;

@@ -213,6 +213,9 @@ pub fn paint_scale(
         ink,
     );
 
+    if !robot.has_springs {
+        return;
+    }
     // The top corner: the tip and its labels live further down.
     let corner = stage.rect.right_top() + vec2(-22.0 - 190.0, 26.0);
     let bar = Rect::from_min_size(corner, vec2(190.0, 7.0));

@@ -17,7 +17,7 @@ use egui::{Align, Button, Layout, Panel, RichText, ScrollArea, Ui, vec2};
 
 use super::files::PathField;
 use super::target::HoldToGo;
-use super::widgets::{Gate, gated};
+use super::widgets::{Gate, empty, gated};
 use crate::calibrate::{Comparison, DRAFT, Mark, PracticeBench, Step, Version, Wizard};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::{Level, Palette};
@@ -185,6 +185,10 @@ pub fn ui(
     services: &mut Services,
     commands: &mut Vec<Command>,
 ) {
+    if let Err(why) = live.drivable() {
+        empty(ui, "There is nothing to calibrate", &why);
+        return;
+    }
     state.begin(services);
     state.poll(live, commands);
     if state.busy() {

@@ -24,6 +24,11 @@ use crate::signal::{
 
 /// The screen.
 pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
+    if !view.spec.has_springs && !view.spec.has_imus {
+        let next = "Its pressures and poses are on Operate and Accuracy.";
+        empty(ui, "This arm has no springs and no IMUs", next);
+        return;
+    }
     let Some(frame) = &view.snapshot.sensors else {
         let next = match view.replay {
             Some(_) => "This recording holds none up to here: play on, or load another one.",
