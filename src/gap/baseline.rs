@@ -11,6 +11,7 @@ use super::actuation::{
     commission_supply,
 };
 use super::commission::{Baseline, Rmse, commission, masked, rmse};
+use super::coverage::Coverage;
 use super::noise::Noise;
 use super::replay::{CalibrationParameter, Row, calibration_parameters};
 use super::session::{
@@ -48,6 +49,8 @@ pub struct Commissioned {
     pub arm: Baseline,
     /// The supply, where commands were logged.
     pub supply: Option<LineBaseline>,
+    /// How its sessions moved the arm; unknown of a baseline that was kept by an earlier version.
+    pub coverage: Option<Coverage>,
 }
 
 impl Commissioned {
@@ -78,8 +81,8 @@ impl Commissioned {
             return Err(GapError::NothingCommon);
         }
         let arm = commission(robot, &grids, &present, progress)?;
-        let mut logs = grids.iter().filter_map(|g| PressureLog::of(&g.session));
-        let supply = logs.next().map(PressureGrid::new).transpose()?;
+        let logs = grids.iter().filter_map(|g| PressureLog::of(&g.session));
+        let lines: Vec<PressureGrid> = logs.map(PressureGrid::new).collect::<Result<_, _>>()?;
         Ok(Self {
             robot: robot.hash.clone(),
             sessions: grids
@@ -90,9 +93,11 @@ impl Commissioned {
             present,
             notes: grids.iter().flat_map(|g| g.left_out()).collect(),
             arm,
-            supply: supply
-                .map(|grid| commission_supply(robot, &grid))
-                .transpose()?,
+            supply: match &lines[..] {
+                [] => None,
+                [first, others @ ..] => Some(commission_supply(robot, first, others)?),
+            },
+            coverage: Some(Coverage::of(&grids)),
         })
     }
 
@@ -222,6 +227,8 @@ struct Text {
     notes: Vec<String>,
     arm: ArmText,
     supply: Option<SupplyText>,
+    #[serde(default)]
+    coverage: Option<Vec<Vec<f64>>>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -296,6 +303,7 @@ impl Commissioned {
                     .map(|row| row.map(|x| x as f32))
                     .collect(),
             }),
+            coverage: self.coverage.as_ref().map(Coverage::columns),
         };
         match toml::to_string(&text) {
             Ok(text) => text,
@@ -346,6 +354,13 @@ impl Commissioned {
                 healthy: Some(rows),
             },
             supply: text.supply.map(SupplyText::supply).transpose()?,
+            coverage: match text.coverage {
+                None => None,
+                Some(columns) => Some(
+                    Coverage::from_columns(&columns)
+                        .ok_or(BaselineError::Damaged("its coverage has another size"))?,
+                ),
+            },
         })
     }
 }
@@ -433,6 +448,7 @@ mod tests {
                 healthy: Some(vec![[0.5; CHAMBERS]; 40]),
                 session: None,
             }),
+            coverage: None,
         }
     }
 

@@ -109,6 +109,11 @@ pub struct FinderConfig {
     pub experiment_nats: f64,
     /// Share of the effects that must have had to show before an experiment ends with *nothing missing*. Development.
     pub experiment_visible: f64,
+    /// Where a session goes beyond the motion of the baseline by more than this factor of its square, the model's errors there are not
+    /// known, and no experiment drives it. Development.
+    pub coverage_max: f64,
+    /// From this factor on a finding notes it. Development.
+    pub coverage_noted: f64,
     /// Share of the diagonal in the covariance (shrinkage against chance correlations). Statistics.
     pub shrinkage: f64,
     /// Largest autoregressive coefficient; slower errors are treated as this slow. Statistics.
@@ -206,6 +211,8 @@ pub const CONFIG: FinderConfig = FinderConfig {
     monitor_square_max: 60.0,
     experiment_nats: 20.0,
     experiment_visible: 0.9,
+    coverage_max: 4.0,
+    coverage_noted: 10.0,
     shrinkage: 0.1,
     phi_max: 0.97,
     looks: 2.0,

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::baseline::Commissioned;
 use super::candidates::Candidate;
+use super::config::CONFIG;
 use super::explain::{Explained, weak_prior};
 use super::finding::{FoundEffect, Ranked, SeparateBy};
 use super::misfit::Misfit;
@@ -197,6 +198,18 @@ pub fn notes(healthy: Option<&Commissioned>, suspects: &[&Grid]) -> Vec<String> 
         out.push(format!("Not measured: {}.", gone.join(", ")));
     }
     out.extend(healthy.iter().flat_map(|h| h.notes.clone()));
+    let beyond = |grid: &&Grid| {
+        let coverage = healthy.and_then(|h| h.coverage.as_ref());
+        let exceeds = |c: &super::Coverage| c.exceeded_by(grid) > CONFIG.coverage_noted;
+        coverage.is_some_and(exceeds).then(|| {
+            format!(
+                "{} moves the arm as no session of the baseline does: errors that a healthy model has there can look like effects. A \
+                 baseline with such a session too judges it better.",
+                grid.session.name
+            )
+        })
+    };
+    out.extend(suspects.iter().filter_map(beyond));
     out.extend(suspects.iter().flat_map(|grid| grid.left_out()));
     if suspects.iter().all(|g| g.session.commanded_pa.is_none()) {
         out.push(

@@ -12,6 +12,7 @@ mod candidates;
 mod closed_form;
 mod commission;
 mod config;
+mod coverage;
 mod describe;
 mod experiment;
 mod explain;
@@ -51,6 +52,7 @@ pub use baseline::{BASELINE_START, BaselineError, Commissioned, Healthy};
 pub use candidates::Table;
 pub use commission::{Baseline, Rmse, rmse};
 pub use config::{CONFIG, FinderConfig};
+pub use coverage::Coverage;
 pub use experiment::{Belief, Design, Driven, Possible, Proposal};
 pub use find::{Found, Options, find};
 pub use finding::{

@@ -638,21 +638,33 @@ impl<'a> Problem<'a> {
 /// Shapes of the model inadequacy: a constant, the pressures, their rates; each of unit size, with its
 /// standard deviation.
 fn shapes(grid: &Grid) -> Vec<(Vec<f64>, f64)> {
+    let all = motion(grid);
+    let n = grid.len();
+    let sds = [CONFIG.inadequacy; CHAMBERS]
+        .into_iter()
+        .chain([CONFIG.inadequacy_rate; CHAMBERS]);
+    let moving = all.into_iter().zip(sds);
+    std::iter::once((vec![1.0; n], CONFIG.inadequacy))
+        .chain(moving)
+        .collect()
+}
+
+/// The six pressures and then their rates bin by bin, each over its usual size.
+pub fn motion(grid: &Grid) -> Vec<Vec<f64>> {
     let p = grid.binned(&grid.gauge_pa);
     let n = p.len();
-    let mut out = vec![(vec![1.0; n], CONFIG.inadequacy)];
-    for i in 0..CHAMBERS {
-        let level: Vec<f64> = p.iter().map(|row| row[i] / USUAL_PA).collect();
-        let rate = (0..n)
-            .map(|k| {
-                let (a, b) = (k.saturating_sub(2), (k + 2).min(n - 1));
-                (p[b][i] - p[a][i]) / (grid.t_s[b] - grid.t_s[a]) / USUAL_PA_S
-            })
-            .collect();
-        out.push((level, CONFIG.inadequacy));
-        out.push((rate, CONFIG.inadequacy_rate));
-    }
-    out
+    let level = |i: usize| p.iter().map(|row| row[i] / USUAL_PA).collect();
+    let rate = |i: usize| {
+        let each = (0..n).map(|k| {
+            let (a, b) = (k.saturating_sub(2), (k + 2).min(n - 1));
+            (p[b][i] - p[a][i]) / (grid.t_s[b] - grid.t_s[a]) / USUAL_PA_S
+        });
+        each.collect()
+    };
+    (0..CHAMBERS)
+        .map(level)
+        .chain((0..CHAMBERS).map(rate))
+        .collect()
 }
 
 /// Usual size of a pressure, Pa.

@@ -20,6 +20,7 @@ use super::find::{Found, origins, patch_of};
 use super::finding::{
     ChannelError, Confirmed, Finding, FoundEffect, GapSize, Ranked, Traces, Verdict,
 };
+use super::law::library;
 use super::patch::PatchValue;
 use super::prove::TIP;
 use super::replay::{
@@ -28,7 +29,7 @@ use super::replay::{
 use super::{GapError, Progress, Stage, parallel};
 use crate::robot::{RobotSpec, Uncertainty};
 use crate::signal::{CHAMBERS, Pose, pose_error};
-use crate::sim::effects::{self, Active, Effect, EffectError, Law, Operator, Scene};
+use crate::sim::effects::{self, Active, Effect, EffectError, Law, Operator, Reach, Scene};
 use crate::sim::patch::{Correction, model};
 
 /// Mean of a steady window.
@@ -367,18 +368,23 @@ impl Search<'_> {
     }
 }
 
-/// What is tried: every effect that may show at rest. Poses relative to a tracked base do not depend on the frame of the cameras.
+/// What is tried: every effect that may show at rest, and that a tracked body has slipped. Poses relative to a tracked base do not depend
+/// on the frame of the cameras.
 fn hypotheses(table: Table<'_>, scene: &Scene, on_base: bool) -> Vec<Hypothesis> {
+    let bodies = library()
+        .into_iter()
+        .filter(|e| matches!(e.operator, Operator::Capture(_)) && e.reach == Reach::Single);
+    let table: Vec<&'static Effect> = table.iter().copied().chain(bodies).collect();
     let shows = |e: &Effect| {
         let acts = match e.operator {
             Operator::Mechanics(_) => true,
-            Operator::Capture(_) => !on_base,
+            Operator::Capture(_) => !on_base || e.reach == Reach::Single,
             Operator::Pressure(_) => e.behind_gauge.is_some(),
             Operator::Sensors(_) => false,
         };
         e.memory.is_none() && acts
     };
-    let all = candidates(table, shows).into_iter();
+    let all = candidates(&table, shows).into_iter();
     let starts = all.flat_map(|c| c.starts(scene).into_iter().map(move |s| (c, s)));
     starts
         .map(|(c, s)| Hypothesis {
@@ -862,6 +868,35 @@ mod tests {
         assert!(f.gap.closed > 0.9, "{:?}", f.gap);
         let proof = f.proof.expect("other rests");
         assert!(proof.closed > 0.9, "{proof:?}");
+    }
+
+    /// A body that slipped on its pad is a matter of that body, not of the arm, and the other one does not follow.
+    #[test]
+    fn a_slipped_body_is_named_with_its_pad() {
+        let robot = RobotSpec::reference();
+        let healthy = rests(0, 4, 0.0, &robot);
+        let slipped = |k: usize| {
+            let mut all = rests(10 * k, 2, 0.0, &robot);
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.07, 0.0));
+            let by = Pose::from_parts(Vector3::new(9e-3, 0.0, -4e-3).into(), turn);
+            for rest in &mut all {
+                rest.bodies[1] = rest.bodies[1].map(|p| p * by);
+            }
+            all
+        };
+        let (suspects, prove) = (slipped(1), slipped(2));
+        let table = effects::table();
+        let found = find_at_rest(&robot, &table, &healthy, (&suspects, &prove), &Unwatched);
+        let f = found.expect("a finding").finding;
+        let [e] = &f.effects[..] else { panic!("{f:?}") };
+        assert_eq!(
+            (e.side.as_str(), e.target),
+            ("frame-and-time", Some(2)),
+            "{f:?}"
+        );
+        let x = e.params["x"].value;
+        assert!((x - 9e-3).abs() < 2e-3, "{x}");
+        assert!(f.proof.is_some_and(|p| p.closed > 0.9));
     }
 
     #[test]

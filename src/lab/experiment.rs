@@ -158,13 +158,17 @@ impl Experiment<'_> {
             })
             .transpose()?;
         let mut rng = sample_rng(self.seed, 0xe8_9e21);
+        let left_out = design.as_ref().map_or_else(Vec::new, Design::left_out);
         let mut driven = design.as_ref().map(Design::nothing_driven);
         let mut belief = design.as_ref().map(Design::at_first);
         let mut grids: Vec<Grid> = Vec::new();
         let mut out = Outcome {
             rounds: Vec::new(),
             found: None,
-            ended: "The time is up.",
+            ended: match left_out.len() == library.len() {
+                true => UNCOVERED,
+                false => "The time is up.",
+            },
         };
         loop {
             let left_s = self.seconds - out.seconds();
@@ -187,6 +191,10 @@ impl Experiment<'_> {
                     }
                     (index, String::new())
                 }
+            };
+            let why = match n {
+                0 if !left_out.is_empty() => format!("{why}; {}", not_driven(&left_out)),
+                _ => why,
             };
             ask(&why)?;
             let drive = library[index / ENDS].until(SECONDS[index % ENDS]);
@@ -226,6 +234,18 @@ impl Experiment<'_> {
         }
         Ok(out)
     }
+}
+
+/// Why an experiment without any excitation ends.
+const UNCOVERED: &str = "The baseline's sessions move the arm like none of the excitations: commission the rig with sessions of mixed, \
+                         steps and axial motion.";
+
+/// What is never proposed, and why.
+fn not_driven(left_out: &[String]) -> String {
+    format!(
+        "not driven, because no session of the baseline moves the arm like that: {}",
+        left_out.join(", ")
+    )
 }
 
 /// Why nothing more has to be driven; none while something is open. `settled`: nothing that could be driven would set what is

@@ -160,12 +160,12 @@ mod tests {
             settle(&model, &mut state, &inputs).expect("settles");
             let end = observe(&model, &state).shape.base_from_pad[2];
             let estimate = s.estimate.as_ref().expect("an estimate");
+            // What friction and rubber remember of the way there is not in a settled arm.
             let off = pose_error(&estimate.base_from_tip, &end);
-            assert!(off.norm() < 1e-6, "{off}");
+            assert!(off.norm() < 1e-3, "{off}");
             let shape = s.shape.as_ref().expect("a shape");
-            assert!(
-                (shape.base_from_pad[2].translation.vector - end.translation.vector).norm() < 1e-6
-            );
+            let off = pose_error(&estimate.base_from_tip, &shape.base_from_pad[2]);
+            assert!(off.norm() < 1e-12, "{off}");
             assert_eq!(shape.spring_ends_m[3], [[0.0; 3]; 2]);
             // An arm by its drawing: some millimetres, and no less than it repeats.
             let sd_m = estimate.covariance[(0, 0)].sqrt();

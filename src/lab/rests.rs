@@ -18,6 +18,13 @@ const SAMPLES_MIN: usize = 10;
 /// A body that turns by more from one sample to the next has flipped, rad.
 pub(super) const FLIPPED_RAD: f64 = 1.5;
 
+/// At rest a body that is further from the middle of its poses is another one, or a mismatch of markers, m.
+const JUMPED_M: f64 = 0.03;
+/// A pose that stays the same for longer is the last one of a body that is no longer tracked, s.
+const STALE_S: f64 = 0.5;
+/// Poses that move by less than this from one to the next are not rounded coarsely, m.
+const RESOLVED_M: f64 = 5e-5;
+
 /// A span of a session's own clock, s.
 pub type Window = [f64; 2];
 
@@ -65,8 +72,9 @@ struct Samples {
 /// A log of the ASU arm with its bodies in the base frame.
 fn of_asu(robot: &RobotSpec, log: &AsuArmLog) -> Samples {
     let body = |k: usize| -> Vec<Option<Pose>> {
-        let rows = log.bodies.iter();
-        rows.map(|b| Some(robot.base_from_captured(&b[0]?, &b[k]?)))
+        let poses = tracked(&log.t_s, log.bodies.iter().map(|b| b[k]).collect());
+        let rows = log.bodies.iter().zip(poses);
+        rows.map(|(b, pose)| Some(robot.base_from_captured(&b[0]?, &pose?)))
             .collect()
     };
     Samples {
@@ -85,7 +93,7 @@ fn of_mapped(robot: &RobotSpec, log: MappedLog) -> Samples {
     let [base, middle, end] = log.bodies.poses;
     let on_base = log.bodies.tracked[0];
     let body = |poses: Vec<Option<Pose>>| -> Vec<Option<Pose>> {
-        let rows = base.iter().zip(poses);
+        let rows = base.iter().zip(tracked(&log.t_s, poses));
         rows.map(|(base, pose)| match on_base {
             true => Some(robot.base_from_captured(&(*base)?, &pose?)),
             false => pose,
@@ -109,11 +117,35 @@ fn of_session(path: &Path) -> Result<Samples> {
         name: log.name,
         hash: log.hash,
         payload_kg: log.payload_kg,
-        bodies: [vec![None; log.t_s.len()], log.truth],
+        bodies: [vec![None; log.t_s.len()], tracked(&log.t_s, log.truth)],
         on_base: false,
         t_s: log.t_s,
         gauge_pa: log.chamber_pa,
     })
+}
+
+/// Poses without those of a body that was not tracked: its last pose repeats to the last digit for longer than slow cameras repeat
+/// theirs. A log that rounds its poses coarsely shows no difference, and stays as it is.
+fn tracked(t_s: &[f64], mut poses: Vec<Option<Pose>>) -> Vec<Option<Pose>> {
+    let steps_m = poses.windows(2).filter_map(|w| {
+        let [a, b] = [w[0]?, w[1]?];
+        let step_m = (b.translation.vector - a.translation.vector).norm();
+        (step_m > 0.0).then_some(step_m)
+    });
+    if steps_m.fold(f64::INFINITY, f64::min) > RESOLVED_M {
+        return poses;
+    }
+    let mut first = 0;
+    for k in 1..=poses.len() {
+        if k < poses.len() && poses[k] == poses[first] {
+            continue;
+        }
+        if poses[first].is_some() && t_s[k - 1] - t_s[first] > STALE_S {
+            poses[first + 1..k].fill(None);
+        }
+        first = k;
+    }
+    poses
 }
 
 impl Samples {
@@ -156,13 +188,18 @@ impl Samples {
         }
         let mut bodies = [None; 2];
         for ((k, mean), body) in bodies.iter_mut().enumerate().zip(&self.bodies) {
+            let poses: Vec<Pose> = within.iter().filter_map(|k| body[*k]).collect();
             let name = ["middle", "end"][k];
-            *mean = mean_pose(within.iter().filter_map(|k| body[*k]), &|flips| {
+            let left_out = |what: &str| {
                 log::warn!(
-                    "{}: the {name} body is flipped in {flips} samples from {from_s} to {to_s} s; they are left out",
+                    "{}: the {name} body {what} from {from_s} to {to_s} s",
                     self.name
                 );
-            });
+            };
+            if poses.is_empty() && body.iter().any(Option::is_some) {
+                left_out("was not tracked");
+            }
+            *mean = mean_pose(poses, &left_out);
         }
         Ok(Rest {
             session: self.name.clone(),
@@ -176,24 +213,24 @@ impl Samples {
 }
 
 /// Mean of the poses that differ from the one before: cameras that are slower than the log repeat theirs. Poses that are turned away
-/// from the middle one are left out, and `flipped` is called with their number.
-fn mean_pose(poses: impl Iterator<Item = Pose>, flipped: &dyn Fn(usize)) -> Option<Pose> {
-    let mut all: Vec<Pose> = poses.collect();
+/// or far from the middle one are left out, and `left_out` is called with what.
+fn mean_pose(mut all: Vec<Pose>, left_out: &dyn Fn(&str)) -> Option<Pose> {
     all.dedup();
-    // The one with most others near it.
-    let near = |p: &Pose| {
-        let others = all
-            .iter()
-            .filter(|q| p.rotation.angle_to(&q.rotation) < FLIPPED_RAD);
-        others.count()
+    let alike = |p: &Pose, q: &Pose| {
+        let off_m = (p.translation.vector - q.translation.vector).norm();
+        p.rotation.angle_to(&q.rotation) < FLIPPED_RAD && off_m < JUMPED_M
     };
+    // The one with most others near it.
+    let near = |p: &Pose| all.iter().filter(|q| alike(p, q)).count();
     let stride = all.len().div_ceil(50).max(1);
     let typical = *all.iter().step_by(stride).max_by_key(|p| near(p))?;
-    let (kept, off): (Vec<Pose>, Vec<Pose>) = all
-        .iter()
-        .partition(|p| p.rotation.angle_to(&typical.rotation) < FLIPPED_RAD);
+    let (kept, off): (Vec<Pose>, Vec<Pose>) = all.iter().partition(|p| alike(p, &typical));
     if !off.is_empty() {
-        flipped(off.len());
+        left_out(&format!(
+            "is flipped or elsewhere in {} of {} poses, which are left out,",
+            off.len(),
+            all.len()
+        ));
     }
     let sum = kept
         .iter()
@@ -260,6 +297,27 @@ mod tests {
         assert!((end.translation.vector.z + 0.2995).abs() < 5e-5, "{end}");
         assert!((end.rotation.angle() - 0.2).abs() < 1e-9);
         assert_eq!(rest.bodies[0], None);
+    }
+
+    #[test]
+    fn a_body_that_jumps_counts_where_it_is_most_of_the_time_and_one_that_is_not_tracked_not_at_all()
+     {
+        let mut s = samples(0.0);
+        for pose in s.bodies[1][60..75].iter_mut().flatten() {
+            pose.translation.vector.x += 0.2;
+        }
+        let at = s.mean([2.0, 8.0]).expect("steady").bodies[1].expect("captured");
+        assert!(at.translation.vector.x.abs() < 1e-9, "{at}");
+        // Cameras resolve micrometres.
+        for (k, pose) in s.bodies[1].iter_mut().flatten().enumerate() {
+            pose.translation.vector.z += 2e-6 * k as f64;
+        }
+        let last = s.bodies[1][10];
+        s.bodies[1][10..].fill(last);
+        let [_, end] = s.bodies;
+        s.bodies = [vec![None; end.len()], tracked(&s.t_s, end)];
+        let lost = s.mean([2.0, 8.0]).expect("steady");
+        assert_eq!(lost.bodies[1], None);
     }
 
     #[test]

@@ -64,7 +64,7 @@ pub fn actuation_only(
     let suspect = &*all[all.len() - 1];
     let healthy = healthy.map(|_| &*all[0]);
     let baseline = match healthy {
-        Some(grid) => commission_supply(robot, grid)?,
+        Some(grid) => commission_supply(robot, grid, &[])?,
         None => ideal_supply(suspect),
     };
     if !suspect.moves() {

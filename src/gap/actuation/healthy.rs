@@ -88,9 +88,9 @@ pub struct LineBaseline {
     pub floor_pa: Option<f64>,
     /// The same per chamber, Pa.
     pub chamber_floor_pa: [f64; CHAMBERS],
-    /// Innovations of the healthy session, each fold as a fit to the others leaves it.
+    /// Innovations of the healthy sessions, each fold of the first as a fit to the others leaves it.
     pub healthy: Option<Vec<LineRow>>,
-    /// Name and hash of the healthy session.
+    /// Name and hash of the first of them.
     pub session: Option<[String; 2]>,
 }
 
@@ -157,11 +157,42 @@ pub fn ideal_supply(grid: &PressureGrid) -> LineBaseline {
     }
 }
 
-/// Fits the regulators to a healthy session by maximum a posteriori.
+/// Fits the regulators to a healthy session by maximum a posteriori. What they leave of other healthy sessions, with the gauges of
+/// that day, is as healthy: a supply that is moved in another way shows other errors of its model.
 ///
 /// # Errors
-/// [`GapError`] when numbers in it are not finite.
-pub fn commission_supply(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineBaseline, GapError> {
+/// [`GapError`] when numbers in one of them are not finite.
+pub fn commission_supply(
+    robot: &RobotSpec,
+    grid: &PressureGrid,
+    others: &[PressureGrid],
+) -> Result<LineBaseline, GapError> {
+    let mut baseline = commissioned(robot, grid)?;
+    for other in others {
+        let mut model = LineModel {
+            robot,
+            grid: other,
+            baseline: baseline.clone(),
+            lag: Lag::BehindGauge,
+            seen: None,
+        };
+        model.refit_gauges(&[])?;
+        let rows = model.rows(&[]);
+        let rms_pa = line_rmse_pa(other, &rows, |_| true);
+        baseline.floor_pa = baseline.floor_pa.map(|floor_pa| floor_pa.max(rms_pa));
+        let each_pa = shrunk(other, chamber_rms_pa(&rows));
+        for i in other.chambers() {
+            let floor_pa = &mut baseline.chamber_floor_pa[i];
+            *floor_pa = floor_pa.max(each_pa[i]);
+        }
+        let more = baseline.noise.innovations(&rows);
+        baseline.healthy.get_or_insert_default().extend(more);
+    }
+    Ok(baseline)
+}
+
+/// The supply by one healthy session.
+fn commissioned(robot: &RobotSpec, grid: &PressureGrid) -> Result<LineBaseline, GapError> {
     let mut model = LineModel {
         robot,
         grid,

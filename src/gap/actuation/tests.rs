@@ -189,7 +189,7 @@ fn regulators_are_recovered() {
         *row = p[bin];
     }
     let grid = PressureGrid::new(log).unwrap();
-    let base = commission_supply(&robot, &grid).unwrap();
+    let base = commission_supply(&robot, &grid, &[]).unwrap();
     for i in grid.chambers() {
         let r = base.regulators[i].0;
         assert!((r[0] + r[1] - 0.19).abs() < 0.03, "{r:?}");

@@ -1,7 +1,7 @@
 //! Rig seconds to the right name: designed experiments beside random ones, chirps and a fixed list (`gap bench --experiment`).
 //!
 //! Each case hides one effect in a rig of its own. The finder is given what the rig's boards and motion capture deliver, through
-//! [`Arm`], and a baseline from a healthy session of the same rig; it sees neither the effect nor its size.
+//! [`Arm`], and a baseline from healthy sessions of the same rig; it sees neither the effect nor its size.
 
 use anyhow::Result;
 use rand::Rng as _;
@@ -16,7 +16,7 @@ use crate::gap::score::median;
 use crate::gap::{Commissioned, Finding, Grid, Unwatched, Verdict};
 use crate::lab::experiment::{Experiment, Outcome, Strategy};
 use crate::lab::gap_files::session_of;
-use crate::lab::session::{Drive, SessionPlan, Specimen, session_log};
+use crate::lab::session::{Drive, Excitation, SessionPlan, Specimen, session_log};
 use crate::rig::hidden::{Kind, kind};
 use crate::robot::RobotSpec;
 use crate::sim::dataset::sample_rng;
@@ -24,6 +24,8 @@ use crate::sim::effects;
 
 /// Longest time of all excitations of an experiment, s.
 const LONGEST_S: f64 = 300.0;
+/// Length of the healthy sessions besides the mixed one, s.
+const MORE_S: f64 = 60.0;
 /// Strongest effects that are hidden, times the floor: what is stronger one session names.
 pub const STRENGTH_MAX: f64 = 4.0;
 
@@ -77,11 +79,30 @@ pub fn solve(planned: &Planned, robot: &RobotSpec, seconds: f64) -> Result<Vec<S
     Err(last.unwrap_or_else(|| anyhow::anyhow!("no rig was tried")))
 }
 
+/// The healthy sessions: that of the case, and two in which the arm is moved as in no mixed one.
+fn commissioned_in(mixed: &SessionPlan) -> [SessionPlan; 3] {
+    let more = |excitation: Excitation, k: u64| SessionPlan {
+        name: format!("healthy, {}", excitation.name()),
+        seed: mixed.seed.wrapping_add(k),
+        seconds: MORE_S,
+        excitation,
+        ..mixed.clone()
+    };
+    [
+        mixed.clone(),
+        more(Excitation::Steps, 1),
+        more(Excitation::Axial, 2),
+    ]
+}
+
 fn each(case: &Case, robot: &RobotSpec, seed: u64) -> Result<Vec<Solved>> {
     let specimen = Specimen::new(robot, case.commissioning.specimen)?;
-    let healthy = specimen.session(&case.commissioning)?;
-    let healthy = Grid::new(session_of(session_log(healthy, robot)))?;
-    let rig = Commissioned::new(robot, &[healthy], &Unwatched)?;
+    let healthy = commissioned_in(&case.commissioning).map(|plan| {
+        let session = specimen.session(&plan)?;
+        Ok(Grid::new(session_of(session_log(session, robot)))?)
+    });
+    let healthy = healthy.into_iter().collect::<Result<Vec<Grid>>>()?;
+    let rig = Commissioned::new(robot, &healthy, &Unwatched)?;
     let table = effects::table();
     let solved = Strategy::ALL.map(|(strategy, name)| {
         let mut beyond_pa = 0.0_f64;
@@ -152,7 +173,7 @@ fn scored(case: &Case, strategy: &'static str, out: &Outcome, beyond_pa: f64) ->
 pub fn report(all: &[Solved], head: &str) -> (String, Value) {
     let mut text = format!(
         "# Experiments of the gap finder\n\nAll figures are from simulated sessions of the virtual rig; nothing here was measured on an arm. {head}\n\n\
-         Each case hides one effect, at most {STRENGTH_MAX:.0} times the noise floor in a mixed session of 90 s, or none. Every strategy has the same \
+         Each case hides one effect, at most {STRENGTH_MAX:.0} times the noise floor in a mixed session of 90 s, or none. The baseline is 90 s of mixed motion and {MORE_S:.0} s each of steps and of motion along the axis. Every strategy has the same \
          excitations of 30 and 60 s to choose from, the same finder and {LONGEST_S:.0} s at most. *designed* drives what separates best and may end with \
          *nothing missing* or *unknown*; the others go on until something is named. Where the right effect was not named, the longest time counts. \
          Brackets: Wilson's 95 % intervals.\n\n\

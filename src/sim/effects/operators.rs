@@ -394,13 +394,29 @@ pub(super) fn imu_misalignment(c: &Call, sensors: &mut [SensorVec]) {
 }
 
 pub(super) fn mocap_frame(c: &Call, captured: &mut [[Pose; 2]]) {
-    let moved = Isometry3::from_parts(
-        Translation3::new(c.values[0], c.values[1], c.values[2]),
-        UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(&c.values[3..6])),
-    );
+    let moved = moved_by(c);
     for pads in captured {
         *pads = pads.map(|p| moved * p);
     }
+}
+
+pub(super) fn tracked_body(c: &Call, captured: &mut [[Pose; 2]]) {
+    let moved = moved_by(c);
+    let slipped = |i: usize| c.target.is_none_or(|target| target == i);
+    for pads in captured {
+        *pads = std::array::from_fn(|i| match slipped(i) {
+            true => pads[i] * moved,
+            false => pads[i],
+        });
+    }
+}
+
+/// Translation and rotation vector of six values.
+fn moved_by(c: &Call) -> Pose {
+    Isometry3::from_parts(
+        Translation3::new(c.values[0], c.values[1], c.values[2]),
+        UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(&c.values[3..6])),
+    )
 }
 
 pub(super) fn clock_offset(c: &Call, captured: &mut [[Pose; 2]]) {

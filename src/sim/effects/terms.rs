@@ -1065,6 +1065,25 @@ pub const TERMS: &[Term] = &[
         |_, _| at([[3e-3, 3e-3, 3e-3, 0.01, 0.01, 0.01]], &[0, 1, 2, 3, 4, 5]),
     ),
     capture(
+        "body-constant",
+        "Slipped tracked body",
+        "T_i → T_i exp(x, y, z, rx, ry, rz): the body that motion capture tracks on the middle (1) or the end pad (2) sits elsewhere.",
+        op::tracked_body,
+    )
+    .on(Site::Capture, Target::Segment, Reach::Single)
+    .of(&[Input::None], Form::Constant)
+    .numbers(
+        &[
+            n("x", "m", -0.1, 0.1),
+            n("y", "m", -0.1, 0.1),
+            n("z", "m", -0.1, 0.1),
+            n("rx", "rad", -0.3, 0.3),
+            n("ry", "rad", -0.3, 0.3),
+            n("rz", "rad", -0.3, 0.3),
+        ],
+        |_, _| at([[3e-3, 3e-3, 3e-3, 0.01, 0.01, 0.01]], &[0, 1, 2, 3, 4, 5]),
+    ),
+    capture(
         "clock-constant",
         "Clock of the motion capture",
         "T(t) → T(t − c).",
