@@ -239,7 +239,8 @@ fn compared(a: &RunArgs) -> Result<(Vec<String>, Option<String>)> {
 
 /// A finding for people.
 pub fn finding_text(f: &Finding) -> String {
-    let name = |id: &str| effects::effect(id).map_or(id.to_owned(), |e| e.name.to_lowercase());
+    let name =
+        |id: &str| effects::effect_or_term(id).map_or(id.to_owned(), |e| e.name.to_lowercase());
     let all = |e: &FoundEffect| {
         let at = e.target.map_or(String::new(), |t| format!(" {t}"));
         let values: Vec<String> = e

@@ -20,6 +20,9 @@ pub struct WatchArgs {
     /// Session to go through
     #[arg(long, value_name = "SESSION")]
     session: PathBuf,
+    /// Effect that is known and counts no longer, by the name that the monitor has for it; may be given several times
+    #[arg(long, value_name = "NAME")]
+    mute: Vec<String>,
 }
 
 /// `gap watch`.
@@ -28,6 +31,12 @@ pub fn run(a: &WatchArgs, robot: &RobotSpec) -> Result<Report> {
     let grids = read_grids(std::slice::from_ref(&a.session))?;
     let session = &grids[0].session;
     let mut monitor = Monitor::new(robot, &rig)?;
+    for name in &a.mute {
+        anyhow::ensure!(
+            monitor.mute(name, true),
+            "the monitor looks for no effect of the name '{name}': take the name from its report, as in --mute \"undeclared payload\""
+        );
+    }
     let judged: Vec<Disagreement> = Measured::of(session)
         .filter_map(|m| monitor.take(m))
         .collect();

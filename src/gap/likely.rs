@@ -28,6 +28,10 @@ pub(super) struct Likely(Vec<Followed>);
 /// An effect that is followed.
 struct Followed {
     candidate: Candidate,
+    /// Its name, with its channel.
+    name: String,
+    /// Whether it is known, and no longer looked for.
+    muted: bool,
     ways: Vec<Way>,
     /// Means of Jᵀ S⁻¹ e and Jᵀ S⁻¹ J, and when they were last those of a rig in order.
     right: DVector<f64>,
@@ -80,8 +84,14 @@ impl Likely {
             });
             let ways: Vec<Way> = ways.collect();
             let n = ways.len();
+            let name = candidate.effect.name.to_lowercase();
             Some(Followed {
                 candidate,
+                name: match candidate.target {
+                    Some(t) => format!("{name} {}", t + 1),
+                    None => name,
+                },
+                muted: false,
                 ways,
                 right: DVector::zeros(n),
                 gram: DMatrix::zeros(n, n),
@@ -139,9 +149,30 @@ impl Likely {
         }
     }
 
+    /// Looks no longer for the effect of this name, or again; whether there is one.
+    pub fn mute(&mut self, name: &str, muted: bool) -> bool {
+        let mut named = self.0.iter_mut().filter(|f| f.name == name);
+        let found = named.next();
+        found.map(|f| f.muted = muted).is_some()
+    }
+
+    /// The names of those that are muted.
+    pub fn muted(&self) -> Vec<String> {
+        let all = self.0.iter().filter(|f| f.muted);
+        all.map(|f| f.name.clone()).collect()
+    }
+
+    /// Of the `columns` of all effects those of the muted ones.
+    pub fn of_muted<'a>(&'a self, columns: &'a [Vec<Row>]) -> impl Iterator<Item = &'a Row> {
+        let both = self.0.iter().zip(columns);
+        both.filter(|(f, _)| f.muted)
+            .flat_map(|(_, columns)| columns)
+    }
+
     /// Those that explain most, the best first; an effect on another channel of the same is not listed.
     pub fn best(&self) -> Vec<Suspect> {
-        let mut all: Vec<(f64, &Followed)> = self.0.iter().map(|f| (f.ratio(), f)).collect();
+        let heard = self.0.iter().filter(|f| !f.muted);
+        let mut all: Vec<(f64, &Followed)> = heard.map(|f| (f.ratio(), f)).collect();
         all.sort_by(|a, b| b.0.total_cmp(&a.0));
         let most = all.first().map_or(0.0, |(ratio, _)| *ratio);
         let mut listed: Vec<(f64, &Followed)> = Vec::new();
@@ -152,16 +183,10 @@ impl Likely {
                 listed.push((ratio, f));
             }
         }
-        let suspects = listed.into_iter().map(|(ratio, f)| {
-            let name = f.candidate.effect.name.to_lowercase();
-            Suspect {
-                name: match f.candidate.target {
-                    Some(t) => format!("{name} {}", t + 1),
-                    None => name,
-                },
-                ratio,
-                since_s: f.quiet_s,
-            }
+        let suspects = listed.into_iter().map(|(ratio, f)| Suspect {
+            name: f.name.clone(),
+            ratio,
+            since_s: f.quiet_s,
         });
         suspects.take(LISTED).collect()
     }

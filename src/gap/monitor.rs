@@ -39,6 +39,9 @@ const TAIL: usize = 5;
 /// What friction and rubber remember from before it began is not known, s.
 const SETTLES_S: f64 = 10.0;
 
+/// Standard deviation of a muted effect, over its usual size.
+const MUTED: f64 = 5.0;
+
 /// Channels that it judges.
 const JUDGED: usize = CHANNELS - SPRING_0;
 
@@ -172,6 +175,12 @@ impl Monitor {
             all: Level::default(),
             each: [Level::default(); JUDGED],
         })
+    }
+
+    /// An effect that is known, of the name that a [`Disagreement`] has for it, counts no longer: what it explains, whatever its size, is
+    /// no error. Or it counts again. Whether there is one of this name.
+    pub fn mute(&mut self, name: &str, muted: bool) -> bool {
+        self.likely.mute(name, muted)
     }
 
     /// Takes what was measured; judges once in a second.
@@ -359,6 +368,11 @@ impl Monitor {
             }
             s[(a, a)] += inadequacy * self.floor[*c].powi(2);
         }
+        for column in self.likely.of_muted(effects) {
+            let j = known.iter().map(|c| MUTED * column[SPRING_0 + c]);
+            let j = DVector::from_iterator(known.len(), j);
+            s += &j * j.transpose();
+        }
         let e = DVector::from_iterator(known.len(), known.iter().map(|c| errors[SPRING_0 + c]));
         let Some(inverse) = s.cholesky().map(|s| s.inverse()) else {
             return;
@@ -406,6 +420,7 @@ impl Monitor {
             channel: channel.unwrap_or_else(|| channel_name(SPRING_0 + worst)),
             since_s,
             likely: suspects.into_iter().map(|s| s.name).collect(),
+            muted: self.likely.muted(),
         }
     }
 }

@@ -13,6 +13,8 @@ pub struct Disagreement {
     pub since_s: f64,
     /// The effects that the errors look most like, the likeliest first; no verdict.
     pub likely: Vec<String>,
+    /// Effects that are known and count no longer.
+    pub muted: Vec<String>,
 }
 
 impl Disagreement {

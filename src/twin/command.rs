@@ -48,6 +48,15 @@ pub enum Command {
     Show(Simulator),
     /// Read the sensors by this calibration from now on. Refused while the arm moves.
     Calibrate(Arc<Calibration>),
+    /// An effect that the monitor has named is known, for this reason: it counts no longer. Refused without a reason.
+    Mute {
+        /// Its name, as in [`crate::signal::Disagreement::likely`].
+        effect: String,
+        /// Why.
+        reason: String,
+    },
+    /// A muted effect counts again.
+    Unmute(String),
     /// Record to this file.
     StartRecording(PathBuf),
     /// Close the recording.

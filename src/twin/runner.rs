@@ -229,6 +229,14 @@ impl Runner {
                 self.recordings.start(now, path, session, events);
             }
             Command::StopRecording => self.recordings.close(),
+            Command::Mute { effect, reason } => events.push(self.mute(now, effect, reason)),
+            Command::Unmute(effect) => {
+                if let Some(watch) = &mut self.watch {
+                    watch.mute(effect, false);
+                }
+                let text = format!("{effect} counts again as a disagreement.");
+                events.push(Event::Notice { stamp: now, text });
+            }
             Command::Mark(text) => events.push(self.mark(now, text)),
             Command::Note(text) => events.extend(self.note(now, text)),
             Command::StreamLive(address) => {
@@ -251,6 +259,25 @@ impl Runner {
         };
         recorder.note(text.to_owned());
         None
+    }
+
+    /// Lets the monitor take an effect as known.
+    fn mute(&mut self, stamp: Stamp, effect: &str, reason: &str) -> Event {
+        match &mut self.watch {
+            _ if reason.trim().is_empty() => {
+                let reason = format!("{effect} is not muted without a reason.");
+                Event::Refused { stamp, reason }
+            }
+            Some(watch) => {
+                watch.mute(effect, true);
+                let text = format!("{effect} is muted: {}", reason.trim());
+                Event::Notice { stamp, text }
+            }
+            None => Event::Refused {
+                stamp,
+                reason: "There is no baseline, and nothing to mute.".to_owned(),
+            },
+        }
     }
 
     /// Marks this moment in what is recorded.

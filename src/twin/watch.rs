@@ -24,10 +24,17 @@ pub struct Watch {
     reported: bool,
 }
 
+/// What the monitor is given.
+enum Given {
+    Measured(Measured),
+    /// The effect of this name counts no longer, or again.
+    Mute(String, bool),
+}
+
 enum Place {
     Here(Box<Monitor>),
     Beside {
-        measured: SyncSender<Measured>,
+        given: SyncSender<Given>,
         found: Receiver<Disagreement>,
     },
     /// It could not be started.
@@ -50,19 +57,39 @@ impl Watch {
         let Place::Here(mut monitor) = std::mem::replace(&mut self.place, Place::Nowhere) else {
             return;
         };
-        let (measured, taken) = sync_channel::<Measured>(WAITING);
+        let (given, taken) = sync_channel::<Given>(WAITING);
         let (finds, found) = sync_channel(FOUND);
         let work = move || {
-            for m in taken {
-                if let Some(new) = monitor.take(m) {
-                    let _ = finds.try_send(new);
+            for given in taken {
+                match given {
+                    Given::Measured(m) => {
+                        if let Some(new) = monitor.take(m) {
+                            let _ = finds.try_send(new);
+                        }
+                    }
+                    Given::Mute(name, muted) => {
+                        monitor.mute(&name, muted);
+                    }
                 }
             }
         };
         let thread = std::thread::Builder::new().name("monitor".to_owned());
         match thread.spawn(work) {
-            Ok(_) => self.place = Place::Beside { measured, found },
+            Ok(_) => self.place = Place::Beside { given, found },
             Err(e) => log::warn!("twin and arm are not compared: no thread can be started ({e})"),
+        }
+    }
+
+    /// The effect of this name counts no longer, or again.
+    pub(super) fn mute(&mut self, name: &str, muted: bool) {
+        match &mut self.place {
+            Place::Here(monitor) => {
+                monitor.mute(name, muted);
+            }
+            Place::Beside { given, .. } => {
+                let _ = given.try_send(Given::Mute(name.to_owned(), muted));
+            }
+            Place::Nowhere => {}
         }
     }
 
@@ -84,8 +111,8 @@ impl Watch {
                         self.newest = Some(new);
                     }
                 }
-                Place::Beside { measured: to, .. } => {
-                    let _ = to.try_send(measured);
+                Place::Beside { given, .. } => {
+                    let _ = given.try_send(Given::Measured(measured));
                 }
                 Place::Nowhere => {}
             }
@@ -122,10 +149,10 @@ mod tests {
 
     #[test]
     fn a_disagreement_is_reported_when_it_begins_and_when_it_ends() {
-        let (measured, _taken) = sync_channel(1);
+        let (given, _taken) = sync_channel(1);
         let (finds, found) = sync_channel(8);
         let mut watch = Watch {
-            place: Place::Beside { measured, found },
+            place: Place::Beside { given, found },
             taken: None,
             newest: None,
             reported: false,
@@ -140,6 +167,7 @@ mod tests {
                 channel: "spring 4".to_owned(),
                 since_s: 55.0,
                 likely: vec!["creep".to_owned(), "spring lag".to_owned()],
+                muted: Vec::new(),
             };
             finds.send(new).expect("waits");
             let mut snapshot = Snapshot {

@@ -7,16 +7,9 @@ use serde_json::Value;
 use crate::gap_find::session;
 use crate::program::{json, refusal, scratch};
 
-fn watch(baseline: &str, session: &str) -> Value {
-    json(&[
-        "gap",
-        "watch",
-        "--baseline",
-        baseline,
-        "--session",
-        session,
-        "--json",
-    ])
+fn watch(baseline: &str, session: &str, more: &[&str]) -> Value {
+    let args = ["gap", "watch", "--baseline", baseline, "--session", session];
+    json(&[&args, more, &["--json"]].concat())
 }
 
 /// A healthy rig may move in ways that its baseline does not have, and restart its IMUs. A load that is hung on within the session
@@ -42,7 +35,7 @@ fn a_healthy_arm_agrees_with_its_twin_and_a_load_in_the_middle_is_seen() {
         "steps",
         &["--seed", "2", "--seconds", "180", "--excitation", "steps"],
     );
-    let agrees = watch(baseline, &steps);
+    let agrees = watch(baseline, &steps, &[]);
     assert_eq!(agrees["alarm"], Value::Null, "{}", agrees["largest"]);
     assert!(agrees["judged_s"].as_f64().expect("a number") > 160.0);
 
@@ -61,7 +54,7 @@ fn a_healthy_arm_agrees_with_its_twin_and_a_load_in_the_middle_is_seen() {
     };
     let log: Vec<String> = log.lines().map(blank).collect();
     std::fs::write(holes.join("log.csv"), log.join("\n")).expect("writes");
-    let with_holes = watch(baseline, holes.to_str().expect("a path"));
+    let with_holes = watch(baseline, holes.to_str().expect("a path"), &[]);
     assert_eq!(
         with_holes["alarm"],
         Value::Null,
@@ -81,11 +74,33 @@ fn a_healthy_arm_agrees_with_its_twin_and_a_load_in_the_middle_is_seen() {
             "payload=0.5@60",
         ],
     );
-    let found = watch(baseline, &loaded);
+    let found = watch(baseline, &loaded, &[]);
     let number = |key: &str| found["alarm"][key].as_f64().expect("a number");
     let (at_s, since_s) = (number("at_s"), number("since_s"));
     assert!((60.0..100.0).contains(&at_s), "seen at {at_s} s");
     assert!((50.0..75.0).contains(&since_s), "since {since_s} s");
+    assert_eq!(found["alarm"]["likely"][0], "undeclared payload", "{found}");
+
+    // A load that is known is no disagreement, and neither is it looked for.
+    let known = watch(baseline, &loaded, &["--mute", "undeclared payload"]);
+    let largest = |found: &Value| found["largest"].as_f64().expect("a number");
+    assert!(largest(&known) < 0.7 * largest(&found), "{known}");
+    assert!(
+        !known["alarm"]["likely"].to_string().contains("payload"),
+        "{known}"
+    );
+    let args = [
+        "gap",
+        "watch",
+        "--baseline",
+        baseline,
+        "--session",
+        &loaded,
+        "--mute",
+        "rust",
+    ];
+    let (_, unknown) = refusal(&args);
+    assert!(unknown.contains("'rust'"), "{unknown}");
 
     let (_, no_baseline) = refusal(&["gap", "watch", "--baseline", patch, "--session", &steps]);
     assert!(no_baseline.contains("no baseline file"), "{no_baseline}");

@@ -196,6 +196,8 @@ pub struct GapState {
     conduct: Option<experiment::Conduct>,
     // The last minutes are becoming a recording, which comes from there.
     keeping_last: Pending<PathBuf, Origin>,
+    // Why an effect is to be muted, as it is typed.
+    mute_reason: String,
     // For the twin, with the next frame.
     orders: Vec<Command>,
 }

@@ -105,10 +105,8 @@ pub fn ui(ui: &mut Ui, view: &View<'_>) {
         }
     }
     if let Some(lacks) = view.spec.lacks() {
-        note(
-            ui,
-            format!("This arm has {lacks}: predicted by the rod model at the measured pressures."),
-        );
+        note(ui, "By the rod model at the measured pressures.")
+            .on_hover_text(format!("This arm has {lacks}: nothing estimates its pose."));
         return;
     }
     let d = estimate.training_distance;

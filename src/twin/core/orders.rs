@@ -138,6 +138,8 @@ impl Twin {
             Command::Calibrate(calibration) => self.calibrate(calibration, events),
             // Pictures, files and viewers belong to whoever runs the twin.
             Command::Show(_)
+            | Command::Mute { .. }
+            | Command::Unmute(_)
             | Command::StartRecording(_)
             | Command::StopRecording
             | Command::Mark(_)

@@ -280,6 +280,42 @@ pub fn under_way(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &
     }
 }
 
+/// Buttons that take one of the likely effects as known, for a reason.
+fn mute(ui: &mut Ui, state: &mut GapState, likely: &[String]) {
+    if likely.is_empty() {
+        return;
+    }
+    ui.horizontal_wrapped(|ui| {
+        let field = egui::TextEdit::singleline(&mut state.mute_reason)
+            .desired_width(180.0)
+            .hint_text("known? why");
+        ui.add(field).accessible_name("Reason to mute it");
+        let reason = state.mute_reason.trim().to_owned();
+        let gate = match reason.is_empty() {
+            true => Err("Type why it is known; the reason is logged and recorded.".to_owned()),
+            false => Ok(()),
+        };
+        let hover = "It counts no longer as a disagreement until this window is closed, or until it is counted again";
+        for name in likely {
+            let button = egui::Button::new(format!("Mute {name}"));
+            if gated(ui, &gate, button, hover).clicked() && gate.is_ok() {
+                state.orders.push(Command::Mute {
+                    effect: name.clone(),
+                    reason: reason.clone(),
+                });
+                state.mute_reason.clear();
+            }
+        }
+    });
+}
+
+/// With a capital letter.
+fn capital(text: &str) -> String {
+    let mut rest = text.chars();
+    let first = rest.next().map(char::to_uppercase);
+    first.into_iter().flatten().chain(rest).collect()
+}
+
 /// The ways to let the finder look at the live arm.
 pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut Services) {
     ui.label(RichText::new("The live arm").strong());
@@ -293,10 +329,17 @@ pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut 
                 d.looks_like()
             );
             status(ui, Level::Warning, &text);
+            mute(ui, state, &d.likely);
         }
         None => {
             let what = "An experiment drives what separates the possible effects best, until one is named or nothing is missing.";
             note(ui, what);
+        }
+    }
+    for name in s.disagreement.iter().flat_map(|d| &d.muted) {
+        let text = format!("{} is muted: count it again", capital(name));
+        if ui.button(text).clicked() {
+            state.orders.push(Command::Unmute(name.clone()));
         }
     }
     let (mut checks, mut begins) = (false, false);

@@ -161,8 +161,9 @@ fn a_click_on_the_disagreement_leads_to_the_finder() {
         channel: "spring 12".to_owned(),
         since_s: 45.0,
         likely: vec!["undeclared payload".to_owned()],
+        muted: vec!["spring lag".to_owned()],
     });
-    let (_twin, mut h) = running(s);
+    let (twin, mut h) = running(s);
     assert_ne!(h.state().screen, ScreenId::Gap);
     h.get_by_label("2.5").click();
     h.run_steps(4);
@@ -170,4 +171,23 @@ fn a_click_on_the_disagreement_leads_to_the_finder() {
     h.get_by_label_contains("disagree since 15 s ago, most in spring 12. It looks like undeclared");
     // The arm moves: it is not taken over.
     assert!(is_disabled(&h, "Run an experiment"));
+    // What is known is muted with a reason, and counts again on request.
+    assert!(is_disabled(&h, "Mute undeclared payload"));
+    h.get_by_label("Reason to mute it").click();
+    h.run_steps(2);
+    h.get_by_label("Reason to mute it")
+        .type_text("a gripper with a camera");
+    h.run_steps(2);
+    h.get_by_label("Mute undeclared payload").click();
+    h.run_steps(2);
+    h.get_by_label("Spring lag is muted: count it again")
+        .click();
+    h.run_steps(2);
+    let orders: Vec<Command> = twin.taken();
+    let mute = Command::Mute {
+        effect: "undeclared payload".to_owned(),
+        reason: "a gripper with a camera".to_owned(),
+    };
+    assert!(orders.contains(&mute), "{orders:?}");
+    assert!(orders.contains(&Command::Unmute("spring lag".to_owned())));
 }

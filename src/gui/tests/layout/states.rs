@@ -219,6 +219,7 @@ pub fn operate() -> Vec<State> {
                     channel: "spring 11".into(),
                     since_s: 98.0,
                     likely: vec!["spring crosstalk 11".into(), "spring lag".into()],
+                    muted: vec!["creep".into()],
                 }),
                 ..fixture::snapshot(1.0)
             },
