@@ -25,6 +25,10 @@ pub struct Watch {
 }
 
 /// What the monitor is given.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly all of them are measured, a hundred per second"
+)]
 enum Given {
     Measured(Measured),
     /// The effect of this name counts no longer, or again.
