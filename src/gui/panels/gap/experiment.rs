@@ -221,12 +221,12 @@ impl GapState {
         }
     }
 
-    /// Goes on with an experiment under way, whatever screen is shown.
+    /// Goes on with an experiment under way, whatever screen is shown, and hands over what was ordered.
     pub fn poll_experiment(&mut self, live: &View<'_>, commands: &mut Vec<Command>) {
         if let Some(conduct) = &mut self.conduct {
             conduct.poll(live, commands);
-            commands.append(&mut self.orders);
         }
+        commands.append(&mut self.orders);
     }
 
     /// Follows the arm of an experiment under way.
