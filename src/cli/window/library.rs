@@ -225,8 +225,9 @@ pub fn load(
     go_on: &mut dyn FnMut(f32) -> bool,
 ) -> Result<Loaded, String> {
     let mut loaded = read(path, go_on)?;
-    let completed = predicted::complete(robot, &mut loaded.trace);
-    completed.map_err(|e| format!("{}: {e}", path.display()))?;
+    if let Err(e) = predicted::complete(robot, &mut loaded.trace) {
+        log::warn!("{} is shown without its arm: {e}", path.display());
+    }
     Ok(loaded)
 }
 
