@@ -6,7 +6,7 @@ use super::wizard::Wizard;
 use super::{imus, springs};
 use crate::sensing::bench::HELD_OUT_LIMIT_M;
 use crate::sensing::registration::{POSES_MIN, WEAKEST_M, WEAKEST_RAD};
-use crate::signal::{IMUS, SPRINGS, Snapshot};
+use crate::signal::{IMUS, SPRINGS, Snapshot, capitalised};
 
 /// Verdict on a step or on one thing that it captured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,9 +86,7 @@ impl std::fmt::Display for Finding {
 
 /// A reason as a sentence: a capital at the beginning and a full stop.
 fn sentence(why: &str) -> String {
-    let mut letters = why.trim_end_matches('.').chars();
-    let first = letters.next().map(|c| c.to_uppercase().to_string());
-    format!("{}{}.", first.unwrap_or_default(), letters.as_str())
+    capitalised(why.trim_end_matches('.')) + "."
 }
 
 /// Findings of a step as it stands.

@@ -13,9 +13,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use env_logger::{Builder, Env, Logger, Target, WriteStyle};
-use springtwin::signal::Severity;
+use springtwin::signal::{Severity, capitalised};
 
-use super::capitalised;
 pub use file::{LogFile, log_path};
 
 /// Lines that wait to be written; more are dropped and counted.

@@ -100,13 +100,6 @@ fn sentence(e: &anyhow::Error) -> String {
     said
 }
 
-/// A text that begins with a capital letter.
-fn capitalised(text: &str) -> String {
-    let mut rest = text.chars();
-    let first = rest.next().map(char::to_uppercase);
-    first.into_iter().flatten().chain(rest).collect()
-}
-
 fn silent() -> Report {
     Report {
         text: String::new(),

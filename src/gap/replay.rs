@@ -75,7 +75,8 @@ pub fn move_arm(
     values: &[f64],
     effects: &[Active],
 ) -> Result<Simulated, EffectError> {
-    let (model, mut effects) = corrected(robot, values, effects);
+    let (model, acting) = corrected(robot, values, effects);
+    let mut effects = acting.effects;
     let fine = &grid.session.t_s;
     let chamber_pa = grid.binned(&effects::behind_gauges(
         robot,
@@ -88,13 +89,10 @@ pub fn move_arm(
 }
 
 /// The arm of a robot with calibration parameters and effects on top of its patches, and all that acts in it.
-fn corrected(robot: &RobotSpec, values: &[f64], effects: &[Active]) -> (Model, Vec<Active>) {
-    let Correction {
-        values,
-        mut effects,
-    } = Correction::known(robot).and(values, effects);
-    effects.extend(motions(&values));
-    (crate::sim::patch::model(robot, &values), effects)
+fn corrected(robot: &RobotSpec, values: &[f64], effects: &[Active]) -> (Model, Correction) {
+    let mut all = Correction::known(robot).and(values, effects);
+    all.effects.extend(motions(&all.values));
+    (crate::sim::patch::model(robot, &all.values), all)
 }
 
 /// Moves the arm of these calibration parameters through measured pressures, Pa, at every one of the instants, s, with the declared
@@ -108,11 +106,11 @@ pub fn follow_pressures(
     (t_s, gauge_pa): (&[f64], &[[f64; CHAMBERS]]),
     payload_kg: &[f64],
 ) -> Result<Simulated, EffectError> {
-    let (model, mut effects) = corrected(robot, values, &[]);
-    let chamber_pa = effects::behind_gauges(robot, t_s, gauge_pa, &effects);
-    effects.retain(is_mechanical);
-    let mut moved = effects::arm_only(&model, t_s, &chamber_pa, payload_kg, &effects)?;
-    let pad_from_body = pad_from_body(&Correction::known(robot).and(values, &[]).values);
+    let (model, mut acting) = corrected(robot, values, &[]);
+    let chamber_pa = effects::behind_gauges(robot, t_s, gauge_pa, &acting.effects);
+    acting.effects.retain(is_mechanical);
+    let mut moved = effects::arm_only(&model, t_s, &chamber_pa, payload_kg, &acting.effects)?;
+    let pad_from_body = pad_from_body(&acting.values);
     for [_, end] in &mut moved.captured {
         *end *= pad_from_body;
     }

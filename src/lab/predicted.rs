@@ -37,11 +37,9 @@ pub fn complete(robot: &RobotSpec, trace: &mut Trace) -> Result<(), EffectError>
     }
     let moved = follow_pressures(robot, &nominal(), (&t_s, &gauge_pa), &payload_kg)?;
     let every = t_s.len().div_ceil(POSTURES);
-    let some = |k: usize| (k * every).min(t_s.len() - 1);
-    let postures: Vec<usize> = (0..t_s.len().div_ceil(every)).map(some).collect();
-    let at = |k: &usize| (t_s[*k], (gauge_pa[*k], payload_kg[*k]));
-    let (times, given): (Vec<f64>, Vec<_>) = postures.iter().map(at).unzip();
-    let (pressures, payloads): (Vec<_>, Vec<f64>) = given.into_iter().unzip();
+    let times: Vec<f64> = t_s.iter().step_by(every).copied().collect();
+    let pressures: Vec<_> = gauge_pa.iter().step_by(every).copied().collect();
+    let payloads: Vec<f64> = payload_kg.iter().step_by(every).copied().collect();
     let covariances = covariances(robot, (&times, &pressures), &payloads)?;
     for (k, snapshot) in open.into_iter().enumerate() {
         let [_, middle, end] = moved.base_from_pad[k];

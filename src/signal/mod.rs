@@ -5,6 +5,7 @@
 //! This module imports no other.
 
 mod alarm;
+mod capital;
 mod channel;
 mod command;
 mod dataset;
@@ -23,6 +24,7 @@ mod syntax;
 mod time;
 
 pub use alarm::{Alarm, AlarmCause, AlarmKey, ENOUGH_SENSORS, Severity, TOO_FEW_SENSORS};
+pub use capital::capitalised;
 pub use channel::{Side, Target};
 pub use command::{ControllerKind, Gripper, PressureCommand, PressureLimits, SensorRef};
 pub use dataset::{Dataset, Sample};

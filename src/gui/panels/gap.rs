@@ -25,6 +25,7 @@ use crate::gui::services::gap::{Pair, PatchedRobot};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
+use crate::signal::capitalised;
 use crate::twin::Command;
 
 /// A step of the search.
@@ -430,12 +431,8 @@ fn trouble_of(e: &GapError) -> Trouble {
         }
         GapError::Stopped => "Press Find to begin again.",
     };
-    let mut cause = e.to_string();
-    if let Some(first) = cause.get(..1) {
-        cause = first.to_uppercase() + &cause[1..];
-    }
     Trouble::new(
-        cause,
+        capitalised(&e.to_string()),
         "There is no verdict, and nothing was changed.",
         remedy,
     )

@@ -233,11 +233,12 @@ impl Behavior<Pane> for Panes<'_, '_> {
             ) {
                 self.view.grey_if_stale(ui);
             }
+            if let (Pane::Plan | Pane::Target, Err(why)) = (&*pane, self.view.drivable()) {
+                note(ui, why);
+                return;
+            }
             match pane {
                 Pane::View3d => self.view3d(ui),
-                Pane::Plan | Pane::Target if self.view.drivable().is_err() => {
-                    note(ui, self.view.drivable().err().unwrap_or_default());
-                }
                 Pane::Plan => {
                     self.plan_shown = true;
                     let target_m = self.draft.parse().ok();

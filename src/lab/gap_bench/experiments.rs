@@ -97,10 +97,9 @@ fn commissioned_in(mixed: &SessionPlan) -> [SessionPlan; 3] {
 
 fn each(case: &Case, robot: &RobotSpec, seed: u64) -> Result<Vec<Solved>> {
     let specimen = Specimen::new(robot, case.commissioning.specimen)?;
-    let healthy = commissioned_in(&case.commissioning).map(|plan| {
-        let session = specimen.session(&plan)?;
-        Ok(Grid::new(session_of(session_log(session, robot)))?)
-    });
+    let grid =
+        |session| -> Result<Grid> { Ok(Grid::new(session_of(session_log(session, robot)))?) };
+    let healthy = commissioned_in(&case.commissioning).map(|plan| grid(specimen.session(&plan)?));
     let healthy = healthy.into_iter().collect::<Result<Vec<Grid>>>()?;
     let rig = Commissioned::new(robot, &healthy, &Unwatched)?;
     let table = effects::table();
@@ -118,7 +117,7 @@ fn each(case: &Case, robot: &RobotSpec, seed: u64) -> Result<Vec<Solved>> {
                 let limits = &robot.pressure;
                 beyond_pa = beyond_pa.max(pa - limits.max_pa).max(limits.min_pa - pa);
             }
-            Ok(Grid::new(session_of(session_log(session, robot)))?)
+            grid(session)
         };
         let experiment = Experiment {
             robot,

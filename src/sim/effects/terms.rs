@@ -148,6 +148,16 @@ const fn shape(
     Parameter::new(name, unit, usual, [low, high]).of_value(0.25)
 }
 
+/// A translation and a rotation vector.
+const MOVED: &[Parameter] = &[
+    n("x", "m", -0.1, 0.1),
+    n("y", "m", -0.1, 0.1),
+    n("z", "m", -0.1, 0.1),
+    n("rx", "rad", -0.3, 0.3),
+    n("ry", "rad", -0.3, 0.3),
+    n("rz", "rad", -0.3, 0.3),
+];
+
 /// A length at which a hinge begins.
 const LENGTH: Parameter = Parameter::new("length", "m", 0.145, [0.07, 0.22])
     .scale(5e-3)
@@ -1053,17 +1063,7 @@ pub const TERMS: &[Term] = &[
         op::mocap_frame,
     )
     .of(&[Input::None], Form::Constant)
-    .numbers(
-        &[
-            n("x", "m", -0.1, 0.1),
-            n("y", "m", -0.1, 0.1),
-            n("z", "m", -0.1, 0.1),
-            n("rx", "rad", -0.3, 0.3),
-            n("ry", "rad", -0.3, 0.3),
-            n("rz", "rad", -0.3, 0.3),
-        ],
-        |_, _| at([[3e-3, 3e-3, 3e-3, 0.01, 0.01, 0.01]], &[0, 1, 2, 3, 4, 5]),
-    ),
+    .numbers(MOVED, |_, _| at([[3e-3, 3e-3, 3e-3, 0.01, 0.01, 0.01]], &[0, 1, 2, 3, 4, 5])),
     capture(
         "body-constant",
         "Slipped tracked body",
@@ -1072,17 +1072,7 @@ pub const TERMS: &[Term] = &[
     )
     .on(Site::Capture, Target::Segment, Reach::Single)
     .of(&[Input::None], Form::Constant)
-    .numbers(
-        &[
-            n("x", "m", -0.1, 0.1),
-            n("y", "m", -0.1, 0.1),
-            n("z", "m", -0.1, 0.1),
-            n("rx", "rad", -0.3, 0.3),
-            n("ry", "rad", -0.3, 0.3),
-            n("rz", "rad", -0.3, 0.3),
-        ],
-        |_, _| at([[3e-3, 3e-3, 3e-3, 0.01, 0.01, 0.01]], &[0, 1, 2, 3, 4, 5]),
-    ),
+    .numbers(MOVED, |_, _| at([[3e-3, 3e-3, 3e-3, 0.01, 0.01, 0.01]], &[0, 1, 2, 3, 4, 5])),
     capture(
         "clock-constant",
         "Clock of the motion capture",

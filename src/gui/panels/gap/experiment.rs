@@ -13,7 +13,7 @@ use crate::gui::services::Services;
 use crate::gui::services::gap::{Conducted, Pair, Wanted};
 use crate::gui::theme::Level;
 use crate::gui::view::View;
-use crate::signal::{Mode, Snapshot};
+use crate::signal::{Mode, Snapshot, capitalised};
 use crate::task::Plan;
 use crate::twin::{Command, Event};
 
@@ -309,13 +309,6 @@ fn mute(ui: &mut Ui, state: &mut GapState, likely: &[String]) {
     });
 }
 
-/// With a capital letter.
-fn capital(text: &str) -> String {
-    let mut rest = text.chars();
-    let first = rest.next().map(char::to_uppercase);
-    first.into_iter().flatten().chain(rest).collect()
-}
-
 /// The ways to let the finder look at the live arm.
 pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut Services) {
     ui.label(RichText::new("The live arm").strong());
@@ -337,7 +330,7 @@ pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut 
         }
     }
     for name in s.disagreement.iter().flat_map(|d| &d.muted) {
-        let text = format!("{} is muted: count it again", capital(name));
+        let text = format!("{} is muted: count it again", capitalised(name));
         if ui.button(text).clicked() {
             state.orders.push(Command::Unmute(name.clone()));
         }
