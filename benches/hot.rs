@@ -12,7 +12,8 @@ mod session;
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use springtwin::control::{Controller, Gains, InitialGuess, Maps, StepInput};
+use nalgebra::SVector;
+use springtwin::control::{Controller, Gains, InitialGuess, Maps, Resolve, StartSample, StepInput};
 use springtwin::lab::motions::{Arm, Motion, each_sent};
 use springtwin::learn::{Model as Networks, PoseMap};
 use springtwin::rig::{RigOptions, Unit, VirtualRig};
@@ -158,11 +159,10 @@ fn networks(c: &mut Criterion) {
         .guess
         .samples()
         .iter()
-        .map(|s| {
-            (
-                s.chamber_pa.map(f64::from),
-                [0, 1, 2].map(|k| f64::from(s.pose[k])),
-            )
+        .map(|s| StartSample {
+            chamber_pa: s.chamber_pa.map(f64::from),
+            sensors: SVector::from_fn(|k, _| f64::from(s.sensors[k])),
+            pose: SVector::from_fn(|k, _| f64::from(s.pose[k])),
         })
         .collect();
     for (name, position_m) in [
@@ -206,7 +206,7 @@ fn controllers(c: &mut Criterion) {
         ("controller, paper's, one target", ControllerKind::PaperAdrc),
     ] {
         let gains = Gains {
-            outer_period_s: 0.0,
+            resolve: Resolve::Every(0.0),
             guess: InitialGuess::Present,
             ..Gains::of(kind)
         };

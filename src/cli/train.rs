@@ -24,12 +24,16 @@ pub struct TrainArgs {
     #[arg(long, value_name = "F.toml")]
     recipe: Option<PathBuf>,
     /// Simulated samples; without them only the sim-to-real networks are trained, on top of those of --model
-    #[arg(long, value_name = "F.parquet", required_unless_present = "real")]
+    #[arg(long, value_name = "F.parquet", required_unless_present_any = ["real", "guess"])]
     data: Option<PathBuf>,
     /// Samples of the arm itself, for the sim-to-real networks: a dataset or a session; may be given several times
     #[arg(long, value_name = "F")]
     real: Vec<PathBuf>,
-    /// Networks to which the sim-to-real networks are added; the shipped ones without it
+    /// Samples to search for the initial guess of the paper's controller, of the nominal arm without loads; those of --data
+    /// without it; may be given several times
+    #[arg(long, value_name = "F.parquet")]
+    guess: Vec<PathBuf>,
+    /// Networks to which sim-to-real networks or samples are added; the shipped ones without it
     #[arg(long, value_name = "F.safetensors", conflicts_with = "data")]
     model: Option<PathBuf>,
     /// Folder for the networks
@@ -54,6 +58,7 @@ pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
             .with_context(|| path.display().to_string())?,
     };
     let data = a.data.as_deref().map(read_dataset).transpose()?;
+    let guess = read_all_samples(&a.guess)?;
     let differences = provenance::of_training(&a.real)?;
     let real = read_all_samples(&a.real)?;
     #[expect(
@@ -91,7 +96,11 @@ pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
             learn::adapt(&base, real, &recipe, &mut watch)?
         }
         (Some(data), real) => learn::train(data, real.as_ref(), &recipe, &mut watch)?,
-        (None, None) => anyhow::bail!("nothing to train on: give --data or --real"),
+        (None, None) => model::model(a.model.as_deref())?,
+    };
+    let trained = match &guess {
+        Some(samples) => learn::with_guesses(&trained, samples),
+        None => trained,
     };
     bar.finish_and_clear();
     std::fs::create_dir_all(&a.out).with_context(|| format!("cannot make {}", a.out.display()))?;
@@ -113,8 +122,9 @@ pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
     }
     Ok(Report {
         text: format!(
-            "trained in {seconds:.1} s to {}\n{}{}{}",
+            "trained in {seconds:.1} s to {}, with {} samples for the initial guess\n{}{}{}",
             file.display(),
+            trained.guess.samples().len(),
             summary(&trained.scores),
             real.as_ref()
                 .map_or(String::new(), |real| held_out(&recipe, real)),

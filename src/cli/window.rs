@@ -264,7 +264,7 @@ impl Asks {
 fn hull(maps: &springtwin::twin::Maps) -> Vec<[f32; 3]> {
     maps.seeds
         .iter()
-        .map(|(_, m)| m.map(|x| x as f32))
+        .map(|s| s.tip_m().map(|x| x as f32))
         .collect()
 }
 

@@ -380,9 +380,9 @@ impl Controller {
         let tick = Tick {
             maps,
             goal: &active.goal,
-            via: active.via.as_ref(),
+            on_path: active.via.is_some(),
+            via: active.via.as_ref().filter(|_| self.gains.lead),
             reach_pa: active.reach_pa.as_ref(),
-            payload_kg: input.payload_kg,
             sensors,
             eval,
             plant,

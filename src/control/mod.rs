@@ -17,6 +17,7 @@
 
 mod adapt;
 mod adrc;
+mod aids;
 mod box_qp;
 mod controller;
 mod gains;
@@ -34,7 +35,7 @@ pub use adapt::{Adaptation, SEGMENTS, judging_gains};
 pub use adrc::{Adrc, AdrcGains};
 pub use box_qp::{BoxQp, solve_box_qp};
 pub use controller::{ControlOut, Controller, Stall, StepInput, Stopwatch};
-pub use gains::{Gains, InitialGuess};
+pub use gains::{Gains, InitialGuess, Resolve};
 pub use paper_adrc::virtual_output;
 pub use reach::{ReachConfig, ReachError, StartSample, reach};
 pub use residual::{

@@ -7,16 +7,12 @@
 //! space of A. The null-space form of μ|q − q_mid|² leaves no bias: at r = 0 both terms vanish.
 
 use super::adrc::Adrc;
+use super::aids::{DAMPING, PA_PER_KPA, centring, lead, reference};
 use super::box_qp::solve_box_qp;
 use super::gains::Gains;
-use super::residual::{goal_residual, null_space, task_jacobian};
+use super::residual::{goal_residual, task_jacobian};
 use super::tick::{RateOut, Tick};
 use crate::signal::{Goal, Matrix6, Vector6};
-
-/// λ relative to the mean diagonal of AᵀA.
-const DAMPING: f64 = 1e-3;
-/// The QP works in kPa/s.
-const PA_PER_KPA: f64 = 1e3;
 
 /// State while it steers to one goal or along one path.
 pub(super) struct NullSpaceQp {
@@ -36,10 +32,7 @@ impl NullSpaceQp {
 
     pub(super) fn rate(&mut self, tick: &Tick, gains: &Gains) -> RateOut {
         let weights = &gains.solver.weights;
-        let reference = Goal {
-            position_m: tick.via.map_or(tick.goal.position_m, |v| v.position_m),
-            ..tick.goal.clone()
-        };
+        let reference = reference(tick);
         let residual = goal_residual(&tick.eval.pose, &reference, weights);
         // A = W J_pose B₀, residual per kPa
         let chain = tick.eval.jacobian * tick.plant.jacobian * PA_PER_KPA;
@@ -54,12 +47,7 @@ impl NullSpaceQp {
             }
             None => Adrc::new(&residual),
         };
-        let mut wanted = adrc.control(&gains.adrc);
-        if let Some(via) = tick.via {
-            for i in 0..3 {
-                wanted[i] += weights.per_m * via.velocity_m_s[i];
-            }
-        }
+        let mut wanted = adrc.control(&gains.adrc) + lead(tick, gains);
         self.observer = Some((adrc, reference));
         // The whole wanted rate is scaled down together, so that the tip goes straight.
         let excess = wanted.fixed_rows::<3>(0).norm() / (weights.per_m * tick.tip_speed_max_m_s);
@@ -92,15 +80,4 @@ impl NullSpaceQp {
             converged: found.converged,
         }
     }
-}
-
-/// u₀ = k N (q_target − q) in kPa/s, N the null space of A: towards the reachability solution if there is one,
-/// the middle of the range if not. A goal with a whole orientation leaves no null space.
-fn centring(tick: &Tick, a: &Matrix6, gains: &Gains) -> Vector6 {
-    let mid_pa = 0.5 * (tick.limits.min_pa + tick.limits.max_pa);
-    let offset = Vector6::from_fn(|i, _| {
-        let target = tick.reach_pa.map_or(mid_pa, |q| q[i]);
-        (target - tick.set_pa[i]) / PA_PER_KPA
-    });
-    null_space(a) * offset * (gains.centring * gains.adrc.k_p())
 }

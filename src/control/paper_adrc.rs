@@ -6,16 +6,20 @@
 //! Solving again from the *measured* s each outer period then takes the estimated pose itself to
 //! the goal: load and model errors end up in the set pressures, which integrate.
 //!
-//! First stage, with an initial guess q₀ (the nearest training sample that is not saturated): s_ref is solved for
-//! from plant(q₀), on the manifold near the goal. Second stage: from the measured s.
+//! First, with an initial guess s₀ (the signals of the training sample that is nearest to the goal and not saturated):
+//! s_ref is solved for from s₀, on the manifold near the goal. From then on, whenever the inner loop has converged: from the
+//! measured s.
 
 use super::adrc::Adrc;
+use super::aids::{PA_PER_KPA, centring, lead, rates_for, reference};
 use super::box_qp::solve_free;
-use super::gains::{Gains, InitialGuess};
+use super::gains::{Gains, InitialGuess, Resolve};
+use super::reach::StartSample;
+use super::residual::{TaskWeights, goal_residual, task_jacobian};
 use super::solver::solve;
 use super::tick::{RateOut, Tick};
 use crate::learn::SATURATED_RATIO;
-use crate::signal::{CHAMBERS, SIGNALS, SPRINGS, SensorRef, Stamp, Vector6};
+use crate::signal::{CHAMBERS, Goal, SIGNALS, SPRINGS, SensorRef, Stamp, Vector6};
 use nalgebra::{SMatrix, Vector3};
 
 /// ∂s/∂q, per Pa.
@@ -23,10 +27,12 @@ type PlantJacobian = SMatrix<f64, SIGNALS, CHAMBERS>;
 
 /// Chambers within this of a bound of the set pressure count as saturated, Pa.
 const AT_BOUND_PA: f64 = 1.0;
-/// The first stage ends when every virtual output is below this, Pa.
+/// The way to the initial guess ends when every virtual output is below this, Pa.
 const APPROACHED_PA: f64 = 1000.0;
-/// ... or when it has not come 2 % nearer for this long, s.
-const APPROACH_PATIENCE_S: f64 = 0.8;
+/// The inner loop has converged when it has not come 2 % nearer for this long, s.
+const PATIENCE_S: f64 = 0.8;
+/// A leading point that is so far from the one solved for is another goal, m.
+const LED_M: f64 = 0.3e-3;
 
 /// y = (B₀ᵀW²B₀)⁻¹ B₀ᵀW² (s − s_ref) over the `free` chambers, Pa; zero in the others.
 /// `weights` is the diagonal of W: 1/σ, or 0 for a signal that may not be used.
@@ -61,45 +67,41 @@ struct Frame {
     free: [bool; CHAMBERS],
 }
 
-/// Whether the inner loop still runs to the initial guess.
-enum Stage {
-    Approach { best_pa: f64, since: Stamp },
-    Refine { solved: Option<Stamp> },
+/// How near the inner loop has come to its reference.
+struct Nearest {
+    best_pa: f64,
+    since: Stamp,
 }
 
 /// State while it steers to one goal.
 pub(super) struct PaperAdrc {
-    stage: Stage,
+    /// Whether the inner loop still runs to the initial guess.
+    approaching: bool,
+    /// When the reference was solved for, and for which goal; never since the last waypoint without it.
+    solved: Option<(Stamp, Goal)>,
+    nearest: Nearest,
     sensor_ref: SensorRef,
     inner: Option<(Adrc, Frame)>,
 }
 
 impl PaperAdrc {
     pub(super) fn new(tick: &Tick, gains: &Gains) -> Self {
-        let guess_pa = match gains.guess {
+        let guess = match gains.guess {
             // Waypoints are close: the last one's signals are the guess.
-            InitialGuess::Nearest if tick.via.is_none() => nearest_unsaturated(tick),
+            InitialGuess::Nearest if !tick.on_path => initial_guess(tick, &gains.solver.weights),
             _ => None,
         };
-        match guess_pa {
-            Some(q) => {
-                let near = tick.maps.plant.sensors(&q, tick.payload_kg).sensors;
-                let solved = solve(&near, tick.goal, tick.maps.pose, &gains.solver);
-                Self {
-                    stage: Stage::Approach {
-                        best_pa: f64::INFINITY,
-                        since: tick.now,
-                    },
-                    sensor_ref: solved.sensor_ref,
-                    inner: None,
-                }
-            }
-            None => Self {
-                stage: Stage::Refine { solved: None },
-                sensor_ref: tick.sensors,
-                inner: None,
-            },
+        let mut new = Self {
+            approaching: guess.is_some(),
+            solved: None,
+            nearest: Nearest::at(tick.now),
+            sensor_ref: tick.sensors,
+            inner: None,
+        };
+        if let Some(near) = guess {
+            new.solve_from(&near, tick, gains);
         }
+        new
     }
 
     /// Forgets the observers: they start again without a bump.
@@ -109,7 +111,7 @@ impl PaperAdrc {
 
     /// The next waypoint: solved for at once, from the signals as they are at the last one.
     pub(super) fn retarget(&mut self) {
-        self.stage = Stage::Refine { solved: None };
+        (self.approaching, self.solved) = (false, None);
     }
 
     pub(super) fn rate(&mut self, tick: &Tick, gains: &Gains) -> RateOut {
@@ -123,7 +125,6 @@ impl PaperAdrc {
                 &frame.free,
             )
         };
-        let refining = matches!(self.stage, Stage::Refine { .. });
         let mut frame = Frame {
             sensor_ref: self.sensor_ref,
             plant_jacobian: tick.plant.jacobian,
@@ -153,7 +154,7 @@ impl PaperAdrc {
                 }
                 None => Adrc::new(&y),
             };
-            rate_pa_s = adrc.control(&gains.adrc);
+            rate_pa_s = adrc.control(&gains.adrc) + aids_pa_s(tick, gains);
             self.inner = Some((adrc, frame));
         }
         // One factor for all chambers keeps the direction in the sensor space.
@@ -164,49 +165,91 @@ impl PaperAdrc {
         RateOut {
             rate_pa_s,
             sensor_ref: self.sensor_ref,
-            refining,
+            refining: !self.approaching,
             solved,
             // Without an output that a chamber has, it holds by design.
             converged: true,
         }
     }
 
-    /// Advances the stage and, when it is time, solves for a new reference. Returns whether it solved.
+    /// Solves for a new reference when it is time. Returns whether it did.
     fn outer(&mut self, tick: &Tick, gains: &Gains) -> bool {
-        let distance_pa = self.inner.as_ref().map(|(adrc, _)| adrc.y.amax());
-        if let (Stage::Approach { best_pa, since }, Some(y_pa)) = (&mut self.stage, distance_pa) {
-            if y_pa < 0.98 * *best_pa {
-                (*best_pa, *since) = (y_pa, tick.now);
-            }
-            if y_pa < APPROACHED_PA || tick.now.since(*since) > APPROACH_PATIENCE_S {
-                self.stage = Stage::Refine { solved: None };
-            }
+        let y_pa = self.inner.as_ref().map(|(adrc, _)| adrc.y.amax());
+        let near_pa = match (self.approaching, gains.resolve) {
+            (false, Resolve::Converged(near_pa)) => near_pa,
+            _ => APPROACHED_PA,
+        };
+        let converged = y_pa.is_some_and(|y| self.nearest.converged(y, near_pa, tick.now));
+        let due = match (&self.solved, gains.resolve) {
+            (None, _) => true,
+            _ if self.approaching => converged,
+            (Some((_, goal)), _) if led_away(tick, goal) => true,
+            (Some(_), Resolve::Converged(_)) => converged,
+            (Some((at, _)), Resolve::Every(period_s)) => tick.now.since(*at) >= period_s,
+        };
+        if due {
+            self.approaching = false;
+            self.solve_from(&tick.sensors, tick, gains);
         }
-        if let Stage::Refine { solved } = &mut self.stage
-            && solved.is_none_or(|at| tick.now.since(at) >= gains.outer_period_s)
-        {
-            *solved = Some(tick.now);
-            let out = solve(&tick.sensors, tick.goal, tick.maps.pose, &gains.solver);
-            self.sensor_ref = out.sensor_ref;
-            return true;
-        }
-        false
+        due
+    }
+
+    fn solve_from(&mut self, start: &SensorRef, tick: &Tick, gains: &Gains) {
+        let goal = reference(tick);
+        self.sensor_ref = solve(start, &goal, tick.maps.pose, &gains.solver).sensor_ref;
+        self.solved = Some((tick.now, goal));
+        self.nearest = Nearest::at(tick.now);
     }
 }
 
-/// Pressures of the training sample nearest to the goal, of those without a saturated chamber.
-fn nearest_unsaturated(tick: &Tick) -> Option<[f64; CHAMBERS]> {
+impl Nearest {
+    fn at(now: Stamp) -> Self {
+        Self {
+            best_pa: f64::INFINITY,
+            since: now,
+        }
+    }
+
+    /// Whether the inner loop is there, or comes no nearer.
+    fn converged(&mut self, y_pa: f64, near_pa: f64, now: Stamp) -> bool {
+        if y_pa < 0.98 * self.best_pa {
+            *self = Self {
+                best_pa: y_pa,
+                since: now,
+            };
+        }
+        y_pa < near_pa || now.since(self.since) > PATIENCE_S
+    }
+}
+
+/// Whether the point that leads has left the one that was solved for.
+fn led_away(tick: &Tick, goal: &Goal) -> bool {
+    let from_m = Vector3::from(goal.position_m);
+    tick.via
+        .is_some_and(|via| (Vector3::from(via.position_m) - from_m).norm() > LED_M)
+}
+
+/// What the aids add, Pa/s: the paper's controller has none of them.
+fn aids_pa_s(tick: &Tick, gains: &Gains) -> Vector6 {
+    if tick.via.is_none() && gains.centring == 0.0 {
+        return Vector6::zeros();
+    }
+    let goal = reference(tick);
+    let chain = tick.eval.jacobian * tick.plant.jacobian * PA_PER_KPA;
+    let a = task_jacobian(&chain, &tick.eval.pose, &goal, &gains.solver.weights);
+    (rates_for(&a, &lead(tick, gains)) + centring(tick, &a, gains)) * PA_PER_KPA
+}
+
+/// Signals of the training sample whose pose is nearest to the goal's, of those without a saturated chamber.
+fn initial_guess(tick: &Tick, weights: &TaskWeights) -> Option<SensorRef> {
     let limits = tick.limits;
-    let free = |q: &[f64; CHAMBERS]| {
-        let within = SATURATED_RATIO * limits.min_pa..=SATURATED_RATIO * limits.max_pa;
-        q.iter().all(|p| within.contains(p))
-    };
-    let goal_m = Vector3::from(tick.goal.position_m);
-    let off_m = |tip_m: &[f64; 3]| (Vector3::from(*tip_m) - goal_m).norm_squared();
-    let unsaturated = tick.maps.samples.iter().filter(|(q, _)| free(q));
-    unsaturated
-        .min_by(|a, b| off_m(&a.1).total_cmp(&off_m(&b.1)))
-        .map(|(q, _)| *q)
+    let within = SATURATED_RATIO * limits.min_pa..=SATURATED_RATIO * limits.max_pa;
+    let off = |s: &StartSample| goal_residual(&s.pose, tick.goal, weights).norm();
+    let samples = tick.maps.samples.iter();
+    samples
+        .filter(|s| s.chamber_pa.iter().all(|p| within.contains(p)))
+        .min_by(|a, b| off(a).total_cmp(&off(b)))
+        .map(|s| s.sensors)
 }
 
 /// The virtual output with the chambers taken out that sit on a bound and are driven beyond it:

@@ -14,10 +14,39 @@ use super::box_qp::solve_free;
 use super::residual::{TaskWeights, goal_residual, null_space, task_jacobian};
 use crate::learn::{PlantMap, PoseMap};
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, Goal, Matrix6, Reach, ReachState, Vector6};
+use crate::signal::{CHAMBERS, Goal, Matrix6, Reach, ReachState, SensorRef, Vector6};
 
-/// A training sample as a start: gauge pressures in Pa and the tip position in m.
-pub type StartSample = ([f64; CHAMBERS], [f64; 3]);
+/// A settled sample of the training set, to start a search from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StartSample {
+    /// Gauge pressure per chamber, Pa.
+    pub chamber_pa: [f64; CHAMBERS],
+    /// The 24 signals, m and rad.
+    pub sensors: SensorRef,
+    /// x, y, z of the tip in m, yaw, pitch, roll in rad, base frame.
+    pub pose: Vector6,
+}
+
+impl StartSample {
+    /// What the maps make of these pressures.
+    pub fn predicted(
+        chamber_pa: [f64; CHAMBERS],
+        payload_kg: f64,
+        (plant, pose): (&dyn PlantMap, &dyn PoseMap),
+    ) -> Self {
+        let sensors = plant.sensors(&chamber_pa, payload_kg).sensors;
+        Self {
+            chamber_pa,
+            sensors,
+            pose: pose.pose(&sensors).pose,
+        }
+    }
+
+    /// Place of the tip in the base frame, m.
+    pub fn tip_m(&self) -> [f64; 3] {
+        [self.pose[0], self.pose[1], self.pose[2]]
+    }
+}
 
 /// Settings of the verdict.
 #[derive(Clone, Debug, PartialEq)]
@@ -245,9 +274,10 @@ fn nearest_starts(problem: &Problem, samples: &[StartSample]) -> Vec<Vector6> {
     let goal_m = SVector::<f64, 3>::from(problem.goal.position_m);
     let limit = 1.0 - problem.config.margin_ratio;
     let mut nearest: Vec<(f64, Vector6)> = Vec::with_capacity(problem.config.starts + 1);
-    for (chamber_pa, tip_m) in samples {
-        let x = Vector6::from_fn(|i, _| (chamber_pa[i] - problem.mid_pa[i]) / problem.half_pa[i]);
-        let mut distance_m = (SVector::<f64, 3>::from(*tip_m) - goal_m).norm();
+    for sample in samples {
+        let scaled = |i: usize| (sample.chamber_pa[i] - problem.mid_pa[i]) / problem.half_pa[i];
+        let x = Vector6::from_fn(|i, _| scaled(i));
+        let mut distance_m = (sample.pose.fixed_rows::<3>(0) - goal_m).norm();
         if !(distance_m.is_finite() && x.iter().all(|v| v.is_finite())) {
             continue;
         }
@@ -380,7 +410,7 @@ mod tests {
     use super::*;
     use crate::control::toy::ToyArm;
     use crate::learn::{PlantEval, PoseEval};
-    use crate::signal::{OrientationGoal, SensorRef, pose_from_ypr};
+    use crate::signal::{OrientationGoal, pose_from_ypr};
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -390,7 +420,7 @@ mod tests {
         (0..n)
             .map(|_| {
                 let q = std::array::from_fn(|_| rng.random_range(-40e3..40e3));
-                (q, arm.tip_m(&q))
+                StartSample::predicted(q, 0.0, (arm, arm))
             })
             .collect()
     }
@@ -493,7 +523,7 @@ mod tests {
             let distance = |t: &[f64; 3]| (0..3).map(|k| (t[k] - p[k]).powi(2)).sum::<f64>().sqrt();
             let by_samples = set
                 .iter()
-                .map(|s| distance(&s.1))
+                .map(|s| distance(&s.tip_m()))
                 .fold(f64::INFINITY, f64::min);
             assert!(
                 r.distance_m <= by_samples + 1e-6,
@@ -562,7 +592,10 @@ mod tests {
             assert!(matches!(ask(&goal, &[]), Err(ReachError::NotFinite { .. })));
         }
         // Samples that are not finite are no starts.
-        let bad = [([f64::NAN; 6], [0.0; 3]), ([0.0; 6], [f64::NAN; 3])];
+        let arm = ToyArm::nominal(&RobotSpec::reference());
+        let mut bad = [[0.0; CHAMBERS]; 2].map(|q| StartSample::predicted(q, 0.0, (&arm, &arm)));
+        bad[0].chamber_pa.fill(f64::NAN);
+        bad[1].pose.fill(f64::NAN);
         let r = ask(&Goal::position([0.06, 0.04, -0.3]), &bad).unwrap();
         assert_eq!(r.state, ReachState::Reachable);
     }

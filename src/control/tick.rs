@@ -19,11 +19,12 @@ pub struct Maps<'a> {
 pub(super) struct Tick<'a> {
     pub maps: Maps<'a>,
     pub goal: &'a Goal,
-    /// Where the tip shall be now, on the way to the goal.
+    /// Whether the goal is a waypoint.
+    pub on_path: bool,
+    /// Where the tip shall be now, on the way to the goal, where that leads it.
     pub via: Option<&'a Via>,
     /// Pressures of the reachability solution.
     pub reach_pa: Option<&'a [f64; CHAMBERS]>,
-    pub payload_kg: f64,
     pub sensors: SensorRef,
     pub eval: &'a PoseEval,
     /// The plant at the measured pressures.

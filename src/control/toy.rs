@@ -45,7 +45,7 @@ impl ToyArm {
             off_manifold: SMatrix::zeros(),
             bias: SensorRef::zeros(),
             masked_spring: None,
-            bend_ratio: axial / (axial + robot.bending_stiffness_nm_rad),
+            bend_ratio: axial / (axial + robot.segments[0].bending_nm_rad),
         }
     }
 

@@ -44,6 +44,13 @@ pub struct Row {
     pub cells: Vec<Option<f64>>,
 }
 
+impl Row {
+    /// Whether the figures are ours.
+    pub fn is_ours(&self) -> bool {
+        self.source == Source::Simulated
+    }
+}
+
 /// All of these figures.
 pub fn some(cells: &[f64]) -> Vec<Option<f64>> {
     cells.iter().map(|c| Some(*c)).collect()
@@ -235,7 +242,7 @@ impl Table {
 }
 
 /// Three significant digits or so; a dash for none.
-fn number(x: Option<f64>) -> String {
+pub fn number(x: Option<f64>) -> String {
     match x {
         None => "–".to_owned(),
         Some(x) if x.abs() >= 100.0 => format!("{x:.0}"),

@@ -34,14 +34,19 @@ pub struct GuessSet {
 }
 
 impl GuessSet {
-    /// Keeps at most `most` samples, drawn at random but in their order.
+    /// Keeps at most `most` samples, drawn at random but in their order: of those without a load, a force or an arm off
+    /// nominal where there are any, since such a sample's signals are no others' at its pose.
     pub fn new(samples: &[Sample], most: usize, seed: u64) -> Self {
-        let mut kept: Vec<usize> = if samples.len() > most {
+        let plain = |i: &usize| samples[*i].payload_kg == 0.0 && !samples[*i].is_disturbed();
+        let mut kept: Vec<usize> = (0..samples.len()).filter(plain).collect();
+        if kept.is_empty() {
+            kept = (0..samples.len()).collect();
+        }
+        if kept.len() > most {
             let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x6e);
-            index::sample(&mut rng, samples.len(), most).into_vec()
-        } else {
-            (0..samples.len()).collect()
-        };
+            let drawn = index::sample(&mut rng, kept.len(), most);
+            kept = drawn.into_iter().map(|k| kept[k]).collect();
+        }
         kept.sort_unstable();
         let compact = |i: &usize| {
             let s = &samples[*i];
@@ -86,5 +91,35 @@ impl GuessSet {
         Self {
             samples: rows.chunks_exact(ROW).map(sample).collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learn::synthetic;
+
+    #[test]
+    fn samples_with_a_load_or_a_force_are_no_guesses_where_there_are_others() {
+        let mut samples = synthetic::dataset(40, 3).samples;
+        for (k, s) in samples.iter_mut().enumerate() {
+            s.payload_kg = if k % 2 == 0 { 0.0 } else { 0.2 };
+            s.tip_force_n = if k % 4 == 0 {
+                [0.0; 3]
+            } else {
+                [1.0, 0.0, 0.0]
+            };
+            s.off_nominal = k % 8 == 0;
+        }
+        let kept = GuessSet::new(&samples, 100, 1);
+        let wanted: Vec<f32> = (0..40)
+            .filter(|k| k % 8 == 4)
+            .map(|k: usize| samples[k].chamber_pa[0] as f32)
+            .collect();
+        let got = kept.samples().iter().map(|s| s.chamber_pa[0]);
+        assert_eq!(got.collect::<Vec<_>>(), wanted);
+        assert_eq!(GuessSet::new(&samples, 2, 1).samples().len(), 2);
+        samples.iter_mut().for_each(|s| s.off_nominal = true);
+        assert_eq!(GuessSet::new(&samples, 100, 1).samples().len(), 40);
     }
 }

@@ -38,7 +38,7 @@ pub use scores::{
     CorrectionReport, Coverage, DataOrigin, ErrorStats, Kept, PlantReport, PoseReport, PoseScores,
     RunningStats, SignalScores, pose_residual, quantile, to_pose,
 };
-pub use train::{Watch, adapt, train, train_plant, train_s2r, train_smap};
+pub use train::{Watch, adapt, train, train_plant, train_s2r, train_smap, with_guesses};
 
 use nalgebra::{SMatrix, SVector};
 

@@ -97,6 +97,15 @@ pub fn adapt(
     })
 }
 
+/// A model with other samples for the initial guess, by its own recipe.
+pub fn with_guesses(base: &Model, samples: &Dataset) -> Model {
+    let recipe = &base.recipe;
+    Model {
+        guess: GuessSet::new(&samples.samples, recipe.guess_samples, recipe.seed),
+        ..base.clone()
+    }
+}
+
 /// Trains one member; gives it with the epoch of its parameters.
 type TrainMember<'a> = dyn Fn(usize, Watch) -> Result<(Mlp, usize), TrainError> + Sync + 'a;
 

@@ -4,7 +4,10 @@ use nalgebra::{Rotation3, Unit, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
 use super::patch::{Patch, applied, hash_of};
-use super::{ImuMount, KeepOut, PadId, RobotError, RobotSpec, SpringSpec, SupplyOff, Uncertainty};
+use super::{
+    ImuMount, KeepOut, PadId, RobotError, RobotSpec, SegmentSpec, SpringSpec, SupplyOff,
+    Uncertainty,
+};
 use crate::signal::{CHAMBERS, Pose, PressureLimits, exactly};
 
 #[derive(Deserialize)]
@@ -14,6 +17,8 @@ struct File {
     base: Base,
     bellows: Bellows,
     segment: Segment,
+    #[serde(default)]
+    segments: Vec<OneSegment>,
     pressure: Pressure,
     mass: Mass,
     springs: Option<Springs>,
@@ -128,6 +133,44 @@ impl Default for Uncertain {
 struct Segment {
     bending_stiffness_nm_rad: f64,
     torsional_stiffness_nm_rad: f64,
+    #[serde(default)]
+    axial_stiffness_n_m: f64,
+}
+
+/// What one segment has of its own.
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct OneSegment {
+    bending_stiffness_nm_rad: Option<f64>,
+    torsional_stiffness_nm_rad: Option<f64>,
+    axial_stiffness_n_m: Option<f64>,
+    locked: bool,
+}
+
+/// A locked segment and its bellows are so many times as stiff: what would move it by 50 mm moves it by 0.05.
+const LOCKED: f64 = 1e3;
+
+impl File {
+    /// How many times as stiff a segment (0 or 1) is as its numbers state.
+    fn locked(&self, segment: usize) -> f64 {
+        match self.segments.get(segment).is_some_and(|s| s.locked) {
+            true => LOCKED,
+            false => 1.0,
+        }
+    }
+
+    fn segment(&self, k: usize) -> SegmentSpec {
+        let own = self.segments.get(k);
+        let bending = own.and_then(|s| s.bending_stiffness_nm_rad);
+        let torsional = own.and_then(|s| s.torsional_stiffness_nm_rad);
+        let axial = own.and_then(|s| s.axial_stiffness_n_m);
+        let locked = self.locked(k);
+        SegmentSpec {
+            bending_nm_rad: locked * bending.unwrap_or(self.segment.bending_stiffness_nm_rad),
+            torsional_nm_rad: locked * torsional.unwrap_or(self.segment.torsional_stiffness_nm_rad),
+            axial_n_m: locked * axial.unwrap_or(self.segment.axial_stiffness_n_m),
+        }
+    }
 }
 
 #[derive(Deserialize)]
@@ -236,7 +279,7 @@ impl RobotSpec {
     /// # Errors
     /// [`RobotError`] with line and column for syntax, with key and bound for values.
     pub fn from_toml(text: &str) -> Result<Self, RobotError> {
-        let f: File = toml::from_str(text).map_err(|e| syntax(text, &e))?;
+        let mut f: File = toml::from_str(text).map_err(|e| syntax(text, &e))?;
         let has_springs = f.springs.is_some();
         let has_imus = !f.imus.is_empty();
         let s = match &f.springs {
@@ -244,7 +287,7 @@ impl RobotSpec {
             None => &Springs::none(f.base.bellows_circle_radius_mm),
         };
         check(&f, s)?;
-        let patches = applied(text, f.patches)?;
+        let patches = applied(text, std::mem::take(&mut f.patches))?;
         let hash = hash_of(text);
         let on_circle = |radius_mm: f64, deg: f64| {
             let a = deg.to_radians();
@@ -270,7 +313,7 @@ impl RobotSpec {
             }
         };
         Ok(Self {
-            name: f.name,
+            name: f.name.clone(),
             bellows_m: std::array::from_fn(|i| match f.chambers.get(i).and_then(|c| c.at_mm) {
                 Some([x, y]) => Vector3::new(x, y, 0.0) * 1e-3,
                 None => on_circle(
@@ -291,10 +334,9 @@ impl RobotSpec {
             }),
             axial_stiffness_n_m: std::array::from_fn(|i| {
                 let own = f.chambers.get(i).and_then(|c| c.axial_stiffness_n_m);
-                own.unwrap_or(f.bellows.axial_stiffness_n_m)
+                f.locked(i / 3) * own.unwrap_or(f.bellows.axial_stiffness_n_m)
             }),
-            bending_stiffness_nm_rad: f.segment.bending_stiffness_nm_rad,
-            torsional_stiffness_nm_rad: f.segment.torsional_stiffness_nm_rad,
+            segments: std::array::from_fn(|k| f.segment(k)),
             pressure: PressureLimits {
                 min_pa: f.pressure.range_kpa[0] * 1e3,
                 max_pa: f.pressure.range_kpa[1] * 1e3,
@@ -330,7 +372,7 @@ impl RobotSpec {
             uncertainty: f.uncertainty.spec(),
             tip_speed_max_m_s: f.motion.tip_speed_max_mm_s * 1e-3,
             supply_off: f.pressure.supply_off,
-            keep_out: f.keep_out.into_iter().map(keep_out).collect(),
+            keep_out: f.keep_out.iter().map(keep_out).collect(),
             base_hash: patches.first().map_or(&hash, |a| &a.onto).clone(),
             hash,
             patches,
@@ -389,9 +431,9 @@ impl Uncertain {
     }
 }
 
-fn keep_out(b: Beyond) -> KeepOut {
+fn keep_out(b: &Beyond) -> KeepOut {
     KeepOut {
-        name: b.name,
+        name: b.name.clone(),
         point_m: Vector3::from(b.point_mm) * 1e-3,
         outward: Unit::new_normalize(Vector3::from(b.outward)),
     }
@@ -415,6 +457,26 @@ fn check(f: &File, springs: &Springs) -> Result<(), RobotError> {
             must: "six [[chambers]] tables, or none",
         });
     }
+    if !(f.segments.is_empty() || f.segments.len() == 2) {
+        return Err(RobotError::Value {
+            key: "segments",
+            value: format!("{} tables", f.segments.len()),
+            must: "two [[segments]] tables, or none",
+        });
+    }
+    let segments = f.segments.iter().flat_map(|s| {
+        let own = [
+            (
+                "segments.bending_stiffness_nm_rad",
+                s.bending_stiffness_nm_rad,
+            ),
+            (
+                "segments.torsional_stiffness_nm_rad",
+                s.torsional_stiffness_nm_rad,
+            ),
+        ];
+        own.into_iter().filter_map(|(key, v)| Some((key, v?)))
+    });
     let chambers = f.chambers.iter().flat_map(|c| {
         let own = [
             ("chambers.area_mm2", c.area_mm2),
@@ -422,7 +484,7 @@ fn check(f: &File, springs: &Springs) -> Result<(), RobotError> {
         ];
         own.into_iter().filter_map(|(key, v)| Some((key, v?)))
     });
-    for (key, value) in chambers.chain(f.uncertainty.numbers()) {
+    for (key, value) in chambers.chain(segments).chain(f.uncertainty.numbers()) {
         if !(value > 0.0 && value <= LARGEST) {
             return Err(RobotError::Value {
                 key,
@@ -496,8 +558,11 @@ fn check(f: &File, springs: &Springs) -> Result<(), RobotError> {
         ("mass.gripper_kg", f.mass.gripper_kg),
         ("mass.payload_max_kg", f.mass.payload_max_kg),
         ("springs.rate_n_m", springs.rate_n_m),
+        ("segment.axial_stiffness_n_m", f.segment.axial_stiffness_n_m),
     ];
-    for (key, value) in not_negative {
+    let cores = f.segments.iter().filter_map(|s| s.axial_stiffness_n_m);
+    let cores = cores.map(|v| ("segments.axial_stiffness_n_m", v));
+    for (key, value) in not_negative.into_iter().chain(cores) {
         if !(0.0..=LARGEST).contains(&value) {
             return Err(RobotError::Value {
                 key,
@@ -746,6 +811,43 @@ mod tests {
             assert!(e.contains(says), "{e}");
         }
     }
+    #[test]
+    fn a_segment_may_have_stiffnesses_of_its_own_a_core_or_be_locked() {
+        let plain = RobotSpec::reference();
+        let text = format!(
+            "{REFERENCE}\n[[segments]]\nlocked = true\n[[segments]]\nbending_stiffness_nm_rad = 3.5\naxial_stiffness_n_m = 500.0\n"
+        );
+        let r = RobotSpec::from_toml(&text).expect("reads");
+        let (before, [first, second]) = (plain.segments[0], r.segments);
+        assert_eq!(first.bending_nm_rad, 1e3 * before.bending_nm_rad);
+        assert_eq!(r.axial_stiffness_n_m[0], 1e3 * plain.axial_stiffness_n_m[0]);
+        assert_eq!(r.axial_stiffness_n_m[3], plain.axial_stiffness_n_m[3]);
+        assert_eq!(
+            (
+                second.bending_nm_rad,
+                second.axial_n_m,
+                second.torsional_nm_rad
+            ),
+            (3.5, 500.0, before.torsional_nm_rad)
+        );
+        assert_eq!(plain.segments[1].axial_n_m, 0.0);
+        for (from, to, says) in [
+            ("locked = true", "locked = 1", "boolean"),
+            (
+                "[[segments]]\nlocked = true\n",
+                "",
+                "two [[segments]] tables",
+            ),
+            ("= 3.5", "= 0.0", "segments.bending_stiffness_nm_rad"),
+            ("= 500.0", "= -1.0", "segments.axial_stiffness_n_m"),
+        ] {
+            let bad = text.replacen(from, to, 1);
+            assert_ne!(bad, text, "{from}");
+            let e = RobotSpec::from_toml(&bad).expect_err(to).to_string();
+            assert!(e.contains(says), "{e}");
+        }
+    }
+
     #[test]
     fn an_arm_of_another_lab_has_chambers_of_its_own_and_no_sensors() {
         let text = include_str!("../../assets/robots/asu-arm.toml");

@@ -65,6 +65,17 @@ pub struct SpringSpec {
     pub range_m: [f64; 2],
 }
 
+/// Stiffness of a segment beyond that of its three bellows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SegmentSpec {
+    /// Against bending, in either plane, N m/rad.
+    pub bending_nm_rad: f64,
+    /// Against torsion, N m/rad.
+    pub torsional_nm_rad: f64,
+    /// Against extension, of a core on the axis, N/m.
+    pub axial_n_m: f64,
+}
+
 /// What becomes of the chambers' air when the supply is off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -142,10 +153,8 @@ pub struct RobotSpec {
     pub area_m2: [f64; CHAMBERS],
     /// Axial stiffness of each bellows, N/m.
     pub axial_stiffness_n_m: [f64; CHAMBERS],
-    /// Bending stiffness of a segment beyond its three axial springs, N m/rad.
-    pub bending_stiffness_nm_rad: f64,
-    /// Torsional stiffness of a segment, N m/rad.
-    pub torsional_stiffness_nm_rad: f64,
+    /// What resists a segment's motion beside its three bellows.
+    pub segments: [SegmentSpec; 2],
     /// Bounds of the commanded pressure.
     pub pressure: PressureLimits,
     /// Magnitude of the gauge pressure beyond which the pumps must be off, Pa.

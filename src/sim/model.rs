@@ -202,8 +202,9 @@ fn section(robot: &RobotSpec, p: &Parameters, resolution: Resolution, s: usize) 
         .clone()
         .map(|i| robot.axial_stiffness_n_m[i] * p.chamber_stiffness[i] * l0)
         .sum();
-    let bending = robot.bending_stiffness_nm_rad * p.bending[s] * l0;
-    let torsion = robot.torsional_stiffness_nm_rad * p.torsion[s] * l0;
+    let own = robot.segments[s];
+    let bending = own.bending_nm_rad * p.bending[s] * l0;
+    let torsion = own.torsional_nm_rad * p.torsion[s] * l0;
     let pad_com = Vector3::new(0.0, 0.0, -0.5 * robot.pad_thickness_m);
     let masses = if s == 0 {
         vec![PointMass {
@@ -231,7 +232,7 @@ fn section(robot: &RobotSpec, p: &Parameters, resolution: Resolution, s: usize) 
             torsion,
             p.shear * axial,
             p.shear * axial,
-            0.0,
+            own.axial_n_m * l0,
         ],
         rest: [0.0, 0.0, 0.0, 0.0, 0.0, -1.0],
         bellows: chambers
@@ -350,6 +351,12 @@ pub enum SimError {
         /// Bend of the mesh minus that of the rod model, rad.
         off_rad: f64,
     },
+    /// The robot's segments differ, or have a core.
+    #[error(
+        "the mesh model has walls of one kind and no core: a robot file with [[segments]] or segment.axial_stiffness_n_m \
+         needs the rod model"
+    )]
+    MeshSegments,
     /// The robot's dimensions leave nothing to mesh.
     #[error(
         "the bellows of this robot leave no wall to mesh: give them an outer diameter larger than the \

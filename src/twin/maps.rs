@@ -8,7 +8,7 @@ use crate::control::StartSample;
 use crate::learn::{self, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
-use crate::signal::{IMUS, RawFrame, SensorFrame};
+use crate::signal::{IMUS, RawFrame, SensorFrame, SensorRef, Vector6};
 use crate::sim::patch::{Correction, SensorErrors};
 
 /// The maps that a twin works with.
@@ -18,7 +18,7 @@ pub struct Maps {
     pub pose: Arc<dyn PoseMap>,
     /// Pressures to sensor signals.
     pub plant: Arc<dyn PlantMap>,
-    /// Settled samples (pressures in Pa, tip position in m) to start searches from.
+    /// Settled samples to start searches from.
     pub seeds: Arc<Vec<StartSample>>,
     /// SHA-256 of the networks' file, hexadecimal; empty for maps that are from no file.
     pub networks: String,
@@ -70,11 +70,10 @@ impl Maps {
 
 impl From<learn::Model> for Maps {
     fn from(model: learn::Model) -> Self {
-        let seed = |s: &learn::GuessSample| {
-            (
-                s.chamber_pa.map(f64::from),
-                std::array::from_fn(|k| f64::from(s.pose[k])),
-            )
+        let seed = |s: &learn::GuessSample| StartSample {
+            chamber_pa: s.chamber_pa.map(f64::from),
+            sensors: SensorRef::from_fn(|k, _| f64::from(s.sensors[k])),
+            pose: Vector6::from_fn(|k, _| f64::from(s.pose[k])),
         };
         Self {
             seeds: Arc::new(model.guess.samples().iter().map(seed).collect()),

@@ -6,7 +6,7 @@ use nalgebra::{SMatrix, SVector};
 use rand::Rng as _;
 
 use super::*;
-use crate::control::Gains;
+use crate::control::{Gains, StartSample};
 use crate::learn::{PlantEval, PlantMap, PoseEval, PoseMap};
 use crate::link::Order;
 use crate::robot::{KeepOut, RobotSpec};
@@ -83,7 +83,11 @@ fn twin_of(robot: &RobotSpec, pose: Arc<dyn PoseMap>) -> Twin {
     let maps = Maps {
         pose,
         plant: Arc::new(Crude),
-        seeds: Arc::new(vec![([0.0; CHAMBERS], [0.0, 0.0, -0.3])]),
+        seeds: Arc::new(vec![StartSample::predicted(
+            [0.0; CHAMBERS],
+            0.0,
+            (&Crude, &Crude),
+        )]),
         networks: String::new(),
         know_sensors: false,
     };

@@ -35,7 +35,7 @@ impl Loop {
         let mut rng = Pcg64::seed_from_u64(17);
         let mut sample = || {
             let q = std::array::from_fn(|_| rng.random_range(-40e3..40e3));
-            (q, arm.tip_m(&q))
+            StartSample::predicted(q, 0.0, (&arm, &arm))
         };
         Self {
             samples: (0..2000).map(|_| sample()).collect(),

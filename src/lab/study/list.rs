@@ -4,7 +4,7 @@ use super::item::Study;
 use super::{conditions, control, coverage, faults, heading, networks, samples, sensing};
 
 /// All studies, in the order of the report.
-pub static STUDIES: [Study; 23] = [
+pub static STUDIES: [Study; 25] = [
     networks::MODALITY,
     networks::LAYERS,
     networks::S2R_WIDTH,
@@ -23,6 +23,8 @@ pub static STUDIES: [Study; 23] = [
     control::CIRCLE,
     control::EIGHT,
     control::MOVES,
+    control::MOVES_POSITION,
+    control::AIDS,
     control::PICK_PLACE,
     control::ADAPTATION,
     control::NULL_SPACE,

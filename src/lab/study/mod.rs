@@ -19,6 +19,7 @@ mod item;
 mod list;
 mod networks;
 mod options;
+mod paper;
 mod parts;
 mod report;
 mod run;

@@ -18,6 +18,8 @@ pub struct Selection {
 
 /// The report of all studies.
 pub(super) const SUMMARY: &str = "README.md";
+/// The paper's figures beside ours.
+pub(super) const PAPER: &str = "paper.md";
 
 impl Selection {
     /// The name of all studies together.
@@ -56,7 +58,7 @@ impl Selection {
         let of = |s: &Study| ["json", "md", "svg"].map(|ending| format!("{}.{ending}", s.name));
         let mut files: Vec<String> = self.studies.iter().flat_map(of).collect();
         if self.is_all() {
-            files.push(SUMMARY.to_owned());
+            files.extend([SUMMARY.to_owned(), PAPER.to_owned()]);
         }
         files
     }

@@ -5,7 +5,8 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
-use super::options::{SUMMARY, Selection};
+use super::options::{PAPER, SUMMARY, Selection};
+use super::paper;
 use super::setup::Data;
 use crate::lab::Report;
 use crate::lab::table::Table;
@@ -53,6 +54,9 @@ pub(super) fn report(
     if selection.is_all() {
         let path = out.join(SUMMARY);
         std::fs::write(&path, &text).with_context(|| format!("cannot write {}", path.display()))?;
+        let path = out.join(PAPER);
+        std::fs::write(&path, paper::page(tables, about.seed)?)
+            .with_context(|| format!("cannot write {}", path.display()))?;
     }
     let tables: Vec<Value> = tables.iter().map(Table::json).collect();
     Ok(Report {

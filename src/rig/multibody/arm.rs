@@ -149,8 +149,10 @@ impl Maker<'_> {
         let chamber: [usize; 3] = std::array::from_fn(|k| 3 * segment + k);
         let at_m = chamber.map(|i| r.bellows_m[i]);
         let square_m2: f64 = at_m.iter().map(Vector3::norm_squared).sum();
-        let torsion = c.stiffness * r.torsional_stiffness_nm_rad * self.factor(2.0 * c.scatter);
-        let bending = c.stiffness * r.bending_stiffness_nm_rad * self.factor(2.0 * c.scatter);
+        let torsion =
+            c.stiffness * r.segments[segment].torsional_nm_rad * self.factor(2.0 * c.scatter);
+        let bending =
+            c.stiffness * r.segments[segment].bending_nm_rad * self.factor(2.0 * c.scatter);
         let fold_n_m = c.fold_torsion * torsion / square_m2;
         let members: [Member; 3] = chamber.map(|i| self.member(i));
         let gap = Gap {
@@ -158,6 +160,8 @@ impl Maker<'_> {
                 at_m,
                 lateral_n_m: [fold_n_m * share; 3],
                 tube_shear_n_m: c.stiffness * c.tube_shear_n / r.rest_length_m * share,
+                core_n_m: c.stiffness * r.segments[segment].axial_n_m * share,
+                core_rest_m: r.rest_length_m / share,
                 tube_nm_rad: Vector3::new(bending, bending, (1.0 - c.fold_torsion) * torsion)
                     * share,
             },

@@ -652,6 +652,7 @@ impl Chain {
                 sum += 0.5 * gap.elastic.lateral_n_m[k] * (d.x * d.x + d.y * d.y);
             }
             sum += 0.5 * gap.elastic.tube_shear_n_m * (s.u_m.x.powi(2) + s.u_m.y.powi(2));
+            sum += 0.5 * gap.elastic.core_n_m * (s.u_m.z + gap.elastic.core_rest_m).powi(2);
             sum += 0.5 * s.psi.dot(&gap.elastic.tube_nm_rad.component_mul(&s.psi));
         }
         for s in &arm.springs {

@@ -35,6 +35,10 @@ pub struct Elastic {
     pub lateral_n_m: [f64; 3],
     /// Lateral stiffness of the central tube, N/m.
     pub tube_shear_n_m: f64,
+    /// Stiffness of the central tube along its axis, N/m.
+    pub core_n_m: f64,
+    /// Distance of the rings at which it pulls neither way, m.
+    pub core_rest_m: f64,
     /// Bending (x, y) and torsional (z) stiffness of central tube and folds, N m/rad.
     pub tube_nm_rad: Vector3<f64>,
 }
@@ -84,7 +88,8 @@ impl Strain {
     /// Gradient of the gap's energy in (u, ψ).
     pub fn gradient(&self, elastic: &Elastic, axial: &[Axial; 3]) -> (Vector3<f64>, Vector3<f64>) {
         let s = elastic.tube_shear_n_m;
-        let mut f = Vector3::new(s * self.u_m.x, s * self.u_m.y, 0.0);
+        let along = elastic.core_n_m * (self.u_m.z + elastic.core_rest_m);
+        let mut f = Vector3::new(s * self.u_m.x, s * self.u_m.y, along);
         let mut m = elastic.tube_nm_rad.component_mul(&self.psi);
         for i in 0..3 {
             let d = self.chord_m[i];
@@ -120,7 +125,7 @@ impl Strain {
     pub fn hessian(&self, elastic: &Elastic, axial: &[Axial; 3]) -> [[Matrix6<f64>; 2]; 2] {
         let (f, _) = self.gradient(elastic, axial);
         let s = elastic.tube_shear_n_m;
-        let mut uu = Matrix3::from_diagonal(&Vector3::new(s, s, 0.0));
+        let mut uu = Matrix3::from_diagonal(&Vector3::new(s, s, elastic.core_n_m));
         let mut up = Matrix3::zeros();
         let mut pp = Matrix3::from_diagonal(&elastic.tube_nm_rad);
         for i in 0..3 {

@@ -37,8 +37,11 @@ fn settled(arm: &Arm, gauge_pa: [f64; CHAMBERS]) -> Chain {
 
 #[test]
 fn wrenches_are_the_gradient_and_the_matrix_is_near_the_hessian() {
-    let arm = make(&RobotSpec::reference(), 1, 0.0, &Character::default());
+    let mut robot = RobotSpec::reference();
+    robot.segments[0].axial_n_m = 800.0;
+    let arm = make(&robot, 1, 0.0, &Character::default());
     let (elastic, member) = (&arm.gaps[0].elastic, &arm.gaps[0].members[0]);
+    assert!(elastic.core_n_m > 800.0);
     let gauge_pa = [20e3, -30e3, 40e3];
     let turn = |s: f64| UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -0.2, 0.25) * s);
     let ends = [
@@ -55,7 +58,8 @@ fn wrenches_are_the_gradient_and_the_matrix_is_near_the_hessian() {
             })
             .sum();
         let shear = 0.5 * elastic.tube_shear_n_m * (s.u_m.x.powi(2) + s.u_m.y.powi(2));
-        bellows + shear + 0.5 * s.psi.dot(&elastic.tube_nm_rad.component_mul(&s.psi))
+        let core = 0.5 * elastic.core_n_m * (s.u_m.z + elastic.core_rest_m).powi(2);
+        bellows + shear + core + 0.5 * s.psi.dot(&elastic.tube_nm_rad.component_mul(&s.psi))
     };
     let forces = |e: &[Pose; 2]| {
         let s = Strain::between(&e[0], &e[1], elastic);
@@ -223,7 +227,7 @@ fn a_bare_segment_rings_at_the_cantilevers_frequency() {
     };
     let radius_m = robot.bellows_m[0].norm();
     let per_segment =
-        1.5 * robot.axial_stiffness_n_m[0] * radius_m * radius_m + robot.bending_stiffness_nm_rad;
+        1.5 * robot.axial_stiffness_n_m[0] * radius_m * radius_m + robot.segments[0].bending_nm_rad;
     let (mass_kg, length_m) = (3.0 * robot.bellows_kg, robot.rest_length_m);
     let omega = 3.516 * (per_segment * length_m / (mass_kg * length_m.powi(3))).sqrt();
     let expected_hz = omega / std::f64::consts::TAU;

@@ -152,7 +152,7 @@ impl MeshModel {
         // Walls as stiff in bending as hollow beams of the meshed section, the rest by secant.
         let [ri, ro] = bellows_radii_m(robot);
         let beam = 0.25 * (ri * ri + ro * ro) * robot.axial_stiffness_n_m[0];
-        let guess = (robot.bending_stiffness_nm_rad / (3.0 * beam)).clamp(1.2, 18.0);
+        let guess = (robot.segments[0].bending_nm_rad / (3.0 * beam)).clamp(1.2, 18.0);
         let off_rad = |beta: f64| -> Result<f64, SimError> {
             let model = Self::with_walls(plain, beta)?;
             let mut state = MeshState::rest(&model);
@@ -165,8 +165,13 @@ impl MeshModel {
     /// Meshes a robot with walls `wall_ratio` (β > 1) times as stiff as its bellows are axially.
     ///
     /// # Errors
-    /// [`SimError::NoMesh`] when the dimensions leave no volume to mesh.
+    /// [`SimError::NoMesh`] when the dimensions leave no volume to mesh, [`SimError::MeshSegments`] for segments that its walls
+    /// do not describe.
     pub fn with_walls(robot: &RobotSpec, wall_ratio: f64) -> Result<Self, SimError> {
+        let [first, second] = robot.segments;
+        if first != second || first.axial_n_m > 0.0 {
+            return Err(SimError::MeshSegments);
+        }
         let l0 = robot.rest_length_m;
         let t = robot.pad_thickness_m;
         let middle_m = Vector3::new(0.0, 0.0, -l0);

@@ -1,4 +1,5 @@
 use super::*;
+use crate::robot::SegmentSpec;
 
 const BENT_KPA: [f64; CHAMBERS] = [25.0, -10.0, -30.0, 5.0, 30.0, -20.0];
 
@@ -171,7 +172,10 @@ fn walls_that_cannot_bend_like_the_rod_are_refused() {
     assert!(wall_ratio(2.0, |b: f64| Ok(0.1 + (50.0 * b).sin().abs())).is_err());
     let robot = RobotSpec::reference();
     let limp = RobotSpec {
-        bending_stiffness_nm_rad: 0.02 * robot.bending_stiffness_nm_rad,
+        segments: robot.segments.map(|s| SegmentSpec {
+            bending_nm_rad: 0.02 * s.bending_nm_rad,
+            ..s
+        }),
         ..robot
     };
     let refused = MeshModel::new(&limp);

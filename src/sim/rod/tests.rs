@@ -188,3 +188,53 @@ fn the_jacobian_under_a_tip_moment_agrees_with_differences() {
     let outcome = solve(rod, &loads, &mut q, &mut Workspace::default());
     assert!(outcome.converged && outcome.iterations < 20, "{outcome:?}");
 }
+
+/// Three equal pressures lengthen a segment by 3 p A / (3 k + core); a locked one stays where it is.
+#[test]
+fn a_core_resists_extension_alone_and_a_locked_segment_everything() {
+    use crate::robot::REFERENCE;
+    use crate::sim::{Inputs, State, observe, settle};
+    let tables = |first: &str| format!("{REFERENCE}\n[[segments]]\n{first}\n[[segments]]\n");
+    let ends = |text: &str, chamber_pa: [f64; 6]| {
+        let mut robot = RobotSpec::from_toml(text).expect("reads");
+        robot.spring.rate_n_m = 0.0;
+        let mut model = Model::nominal(&robot);
+        model.rod.gravity_m_s2 = nalgebra::Vector3::zeros();
+        let mut state = State::rest(&model);
+        let inputs = Inputs {
+            chamber_pa,
+            ..Inputs::default()
+        };
+        settle(&model, &mut state, &inputs).expect("settles");
+        let [_, middle, tip] = observe(&model, &state).shape.base_from_pad;
+        [middle, tip]
+    };
+    let robot = RobotSpec::reference();
+    let even = [10e3, 10e3, 10e3, 0.0, 0.0, 0.0];
+    let grows_m = |core_n_m: f64| {
+        let k = 3.0 * robot.axial_stiffness_n_m[0] + core_n_m;
+        3.0 * even[0] * robot.area_m2[0] / k
+    };
+    let with_core = tables("axial_stiffness_n_m = 4000.0");
+    for (text, core_n_m) in [(REFERENCE, 0.0), (with_core.as_str(), 4000.0)] {
+        let [middle, _] = ends(text, even);
+        let grown_m = -middle.translation.z - robot.rest_length_m;
+        assert!(
+            (grown_m / grows_m(core_n_m) - 1.0).abs() < 1e-3,
+            "{core_n_m} N/m: {grown_m}"
+        );
+    }
+    // The core of a segment that bends without growing does nothing.
+    let uneven = [20e3, -10e3, -10e3, 5e3, -10e3, 5e3];
+    let ([_, plain], [_, cored]) = (ends(REFERENCE, uneven), ends(&with_core, uneven));
+    let off_m = (plain.translation.vector - cored.translation.vector).norm();
+    assert!(off_m < 2e-3, "{off_m}");
+    let [middle, tip] = ends(&tables("locked = true"), uneven);
+    let moved_m = (middle.translation.vector + nalgebra::Vector3::z() * robot.rest_length_m).norm();
+    assert!(
+        moved_m < 1e-4 && middle.rotation.angle() < 2e-3,
+        "{moved_m} {}",
+        middle.rotation.angle()
+    );
+    assert!(tip.rotation.angle() > 0.05, "{}", tip.rotation.angle());
+}

@@ -63,7 +63,10 @@ impl Twin {
         if let Some(near) = near {
             let alike_pa =
                 std::array::from_fn(|i| near.chamber_pa[i] * gains[i * SEGMENTS / CHAMBERS]);
-            let found = ask(&[(alike_pa, near.nearest_m)], false)?;
+            let maps = (self.maps.plant.as_ref(), self.maps.pose.as_ref());
+            let held_kg = self.model.carried_kg(held_kg);
+            let from = StartSample::predicted(alike_pa, held_kg, maps);
+            let found = ask(&[from], false)?;
             if found.state == ReachState::Reachable {
                 return Ok(found);
             }

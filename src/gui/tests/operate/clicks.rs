@@ -406,7 +406,7 @@ fn operate_with_a_plan_a_preview_and_its_ghost_in_both_themes() {
     let samples: Vec<[f32; 3]> = maps
         .seeds
         .iter()
-        .map(|(_, m)| m.map(|x| x as f32))
+        .map(|s| s.tip_m().map(|x| x as f32))
         .collect();
     let dir = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("target/pictures");
     std::fs::create_dir_all(&dir).expect("a folder for pictures");

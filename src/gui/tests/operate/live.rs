@@ -92,7 +92,7 @@ impl Bench {
             .maps
             .seeds
             .iter()
-            .map(|(_, m)| m.map(|x| x as f32))
+            .map(|s| s.tip_m().map(|x| x as f32))
             .collect();
         app.screens.operate.view3d.set_reachable(&samples);
         (bench, app)

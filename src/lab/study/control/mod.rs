@@ -2,6 +2,7 @@
 //! tuning. Every error is of the true tip of the virtual rig, which no controller sees.
 
 mod adaptation;
+mod aids;
 mod disturbances;
 mod null_space;
 mod outages;
@@ -10,8 +11,9 @@ mod trial;
 mod tuning;
 
 pub use adaptation::ADAPTATION;
+pub use aids::AIDS;
 pub use disturbances::DISTURBANCES;
 pub use null_space::NULL_SPACE;
 pub use outages::OUTAGES;
-pub use tasks::{CIRCLE, EIGHT, MOVES, PICK_PLACE};
+pub use tasks::{CIRCLE, EIGHT, MOVES, MOVES_POSITION, PICK_PLACE};
 pub use tuning::TUNING;

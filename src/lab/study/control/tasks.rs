@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use super::trial::{KINDS, Measured, Outcome, SPEED_M_S, Task, Trial, mean, run_groups};
 use crate::charts::{Axes, Chart, Line};
-use crate::control::{Gains, InitialGuess};
+use crate::control::{Gains, InitialGuess, ReachConfig, reach};
 use crate::drive::Shape;
 use crate::drive::measures::{PathMeasures, spread};
 use crate::lab::study::item::{Found, Study};
@@ -14,8 +14,9 @@ use crate::lab::study::setup::Setup;
 use crate::lab::table::{Drawn, Table};
 use crate::lab::units::TEST;
 use crate::rig::Unit;
-use crate::signal::ControllerKind;
-use crate::signal::Goal;
+use crate::signal::{ControllerKind, Goal, OrientationGoal};
+use crate::sim::{Inputs, Model, State, observe, settle};
+use crate::twin::Maps;
 
 /// The paper's loads, kg.
 pub const LOADS_KG: [f64; 5] = [0.0, 0.035, 0.115, 0.27, 0.5];
@@ -49,14 +50,30 @@ pub const EIGHT: Study = Study {
     table: |found| path(Shape::Eight, found),
 };
 
-/// Point to point: near, middle, far; an item is a row.
+/// To three poses, near, middle, far; an item is a row.
 pub const MOVES: Study = Study {
     name: "moves",
-    about: "Point to point: near, middle, far",
+    about: "To three poses: near, middle, far",
     items: |_| move_conditions().len(),
-    find: find_moves,
-    table: moves,
+    find: |setup, items| find_moves(setup, Aim::Pose, items),
+    table: |found| moves(Aim::Pose, found),
 };
+
+/// The same where only the position matters.
+pub const MOVES_POSITION: Study = Study {
+    name: "moves-position",
+    about: "The same to their positions, in any orientation",
+    items: |_| move_conditions().len(),
+    find: |setup, items| find_moves(setup, Aim::Position, items),
+    table: |found| moves(Aim::Position, found),
+};
+
+/// What counts of a target.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Aim {
+    Pose,
+    Position,
+}
 
 /// Tomato, lemon and guava into the basket; an item is a row.
 pub const PICK_PLACE: Study = Study {
@@ -198,7 +215,7 @@ fn path(shape: Shape, found: Vec<Found>) -> Table {
     t.notes = vec![
         format!(
             "60 waypoints. A point moves along the path at {:.0} mm/s and waits for a tip that is behind it; ours is led by that \
-             point, the paper's controller is given the waypoint ahead of it. {KNOWN} Error: distance from each \
+             point, the paper's controller is given the waypoint ahead of it (each with the other's aids: study `aids`). {KNOWN} Error: distance from each \
              waypoint when the point passes it; only of paths that were finished. One step is 10 ms. Off the path: distance from the path at every tick. Off the manifold: how \
              far the springs of the reference are from what any pressures can make.",
             SPEED_M_S * 1e3
@@ -268,9 +285,43 @@ fn move_conditions() -> Vec<MoveCondition> {
     out
 }
 
-fn find_moves(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
+/// The target at this place, m: with the orientation that the nominal arm has there, its pressures by the shipped networks.
+fn target(setup: &Setup, position_m: [f64; 3], aim: Aim) -> Result<Goal> {
+    let goal = Goal::position(position_m);
+    if aim == Aim::Position {
+        return Ok(goal);
+    }
+    let (robot, maps) = (&setup.robot, Maps::from(setup.shipped.clone()));
+    let (pose, plant) = (maps.pose.as_ref(), maps.plant.as_ref());
+    let found = reach(
+        &goal,
+        robot,
+        pose,
+        plant,
+        0.0,
+        &maps.seeds,
+        &ReachConfig::default(),
+    )?;
+    let arm = Model::nominal(robot);
+    let mut state = State::rest(&arm);
+    let inputs = Inputs {
+        chamber_pa: found.chamber_pa,
+        ..Inputs::default()
+    };
+    settle(&arm, &mut state, &inputs)?;
+    let at = observe(&arm, &state).base_from_tip;
+    Ok(Goal {
+        position_m: at.translation.vector.into(),
+        orientation: OrientationGoal::Rotation(at.rotation),
+        ..goal
+    })
+}
+
+fn find_moves(setup: &mut Setup, aim: Aim, items: Range<usize>) -> Result<Vec<Found>> {
     let conditions = &move_conditions()[items];
-    let trials = conditions.iter().map(|c| {
+    let goals = conditions.iter().map(|c| target(setup, c.1, aim));
+    let goals = goals.collect::<Result<Vec<Goal>>>()?;
+    let trials = conditions.iter().zip(&goals).map(|(c, goal)| {
         let trial = |unit| {
             let gains = Gains {
                 guess: c.4.2,
@@ -280,7 +331,7 @@ fn find_moves(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
                 payload_kg: c.3,
                 declared_kg: c.3,
                 stiffness: c.2,
-                ..Trial::new(gains, Task::Goto(Goal::position(c.1)), unit)
+                ..Trial::new(gains, Task::Goto(goal.clone()), unit)
             }
         };
         UNITS.map(trial).into()
@@ -303,6 +354,7 @@ fn find_moves(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
                 mean(steps).filter(|_| all_settled),
                 mean(moved().filter_map(|m| m.settled_s)).filter(|_| all_settled),
                 mean(moved().filter_map(|m| m.final_mm.map(|e| e.mean))),
+                mean(moved().filter_map(|m| m.final_deg)),
                 mean(moved().map(|m| percent(m.saturated_ratio))),
                 mean(group.iter().filter_map(|g| g.2)),
                 mean(group.iter().filter_map(|g| g.1)),
@@ -316,14 +368,27 @@ fn find_moves(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     Ok(row.collect())
 }
 
-fn moves(found: Vec<Found>) -> Table {
+fn moves(aim: Aim, found: Vec<Found>) -> Table {
+    let (name, title, what) = match aim {
+        Aim::Pose => (
+            "moves",
+            "To three poses",
+            "From rest to three poses, those of the nominal arm without load (six numbers, as the paper's)",
+        ),
+        Aim::Position => (
+            "moves-position",
+            "To three positions, in any orientation",
+            "From rest to three positions, whatever the orientation",
+        ),
+    };
     let mut t = Table::new(
-        "moves",
-        "Point to point",
+        name,
+        title,
         &[
             "steps",
             "settling, s",
             "final error, mm",
+            "final error, deg",
             "saturated, % of steps",
             "off the manifold, mm",
             "solve, us",
@@ -335,9 +400,9 @@ fn moves(found: Vec<Found>) -> Table {
     );
     t.notes = vec![
             format!(
-                "From rest to three points, without load and with 500 g. {KNOWN} Steps and settling: until the true tip is \
-                 within 1 mm and stays there; rows without settled moves have none. One step is 10 ms. Final: mean over the \
-                 last second."
+                "{what}, without load and with 500 g. {KNOWN} Steps and settling: until the true tip is \
+                 within 1 mm (and 1 degree) and stays there; rows without settled moves have none. One step is 10 ms. Final: mean \
+                 over the last second."
             ),
             "The paper counts 160 iterations with and 480 without its initial guess for its long move; its iterations \
              are not ours, their ratio can be compared."

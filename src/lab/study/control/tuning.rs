@@ -5,7 +5,7 @@ use std::ops::Range;
 use anyhow::Result;
 
 use super::trial::{Group, KINDS, Measured, Outcome, Task, Trial, mean, run_groups};
-use crate::control::{AdrcGains, Gains};
+use crate::control::{AdrcGains, Gains, Resolve};
 use crate::drive::Shape;
 use crate::lab::study::item::{Found, Study};
 use crate::lab::study::setup::Setup;
@@ -33,7 +33,7 @@ const NEVER_S: f64 = 90.0;
 const MOVES_M: [[f64; 3]; 2] = [[0.02, -0.03, -0.31], [-0.09, 0.05, -0.27]];
 
 /// Dimensions of a candidate.
-const DIMENSIONS: usize = 4;
+const DIMENSIONS: usize = 5;
 
 /// A Latin hypercube: `n` points in the unit cube, one in every n-th of every dimension.
 fn hypercube(n: usize) -> Vec<[f64; DIMENSIONS]> {
@@ -49,8 +49,8 @@ fn hypercube(n: usize) -> Vec<[f64; DIMENSIONS]> {
     points
 }
 
-/// A candidate: bandwidths, lead, and the parameter that each has alone (the period of the paper's outer loop, our pull in the null
-/// space).
+/// A candidate: bandwidths, lead, and what each has alone: when the paper's outer loop solves again (once the inner one has
+/// converged, or after a time), our pull in the null space.
 fn candidate(kind: ControllerKind, at: &[f64; DIMENSIONS]) -> Gains {
     let between = |d: usize, lo: f64, hi: f64| lo * (hi / lo).powf(at[d]);
     let mut gains = Gains {
@@ -62,7 +62,12 @@ fn candidate(kind: ControllerKind, at: &[f64; DIMENSIONS]) -> Gains {
         ..Gains::of(kind)
     };
     match kind {
-        ControllerKind::PaperAdrc => gains.outer_period_s = between(3, 0.02, 1.0),
+        ControllerKind::PaperAdrc => {
+            gains.resolve = match at[4] < 0.5 {
+                true => Resolve::Converged(between(3, 30.0, 3000.0)),
+                false => Resolve::Every(between(3, 0.02, 1.0)),
+            };
+        }
         ControllerKind::NullSpaceQp => gains.centring = between(3, 0.1, 3.0),
     }
     gains
@@ -125,7 +130,12 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     });
     let groups = run_groups(setup, trials.collect(), |o| cost(&o))?;
     let row = |((kind, label, g), costs): (&(ControllerKind, String, Gains), Group<f64>)| {
-        let paper = *kind == ControllerKind::PaperAdrc;
+        let (every_s, below_pa) = match (kind, g.resolve) {
+            (ControllerKind::NullSpaceQp, _) => (None, None),
+            (_, Resolve::Every(s)) => (Some(s), None),
+            (_, Resolve::Converged(pa)) => (None, Some(pa)),
+        };
+        let ours = *kind == ControllerKind::NullSpaceQp;
         Found::row(
             label.as_str(),
             vec![
@@ -133,8 +143,9 @@ fn find(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
                 Some(g.adrc.settle_s),
                 Some(g.adrc.observer_ratio),
                 Some(g.lead_pa * 1e-3),
-                paper.then_some(g.outer_period_s),
-                (!paper).then_some(g.centring),
+                every_s,
+                below_pa,
+                ours.then_some(g.centring),
             ],
         )
         .after(costs.simulated_s)
@@ -154,7 +165,8 @@ fn table(found: Vec<Found>) -> Table {
             "settling time, s",
             "observer ratio",
             "lead, kPa",
-            "outer period, s",
+            "solved again every, s",
+            "solved again below, Pa",
             "centring",
         ],
         Drawn::Bars,
