@@ -29,10 +29,65 @@ pub(super) struct Run {
     pub member: usize,
 }
 
+/// A network that learns by its gradient.
+pub(super) trait Learner {
+    /// Buffers for one batch.
+    type Work;
+
+    /// Buffers for batches of up to `rows` rows.
+    fn work(&self, rows: usize) -> Self::Work;
+
+    /// Numbers of a row of inputs and of outputs.
+    fn widths(&self) -> [usize; 2];
+
+    /// What is learned.
+    fn params_mut(&mut self) -> &mut Vec<f32>;
+
+    /// The scaled inputs of a batch, rows × inputs.
+    fn input(work: &mut Self::Work) -> &mut Vec<f32>;
+
+    /// Runs the inputs of `rows` rows through the network; returns the scaled outputs.
+    fn run<'a>(&self, work: &'a mut Self::Work, rows: usize) -> &'a [f32];
+
+    /// Mean squared error of the outputs after [`Self::run`], and its derivative after every parameter.
+    fn learn<'a>(&self, work: &'a mut Self::Work, targets: &[f32], rows: usize)
+    -> (f64, &'a [f32]);
+}
+
+impl Learner for Mlp {
+    type Work = Workspace;
+
+    fn work(&self, rows: usize) -> Workspace {
+        Workspace::new(self, rows)
+    }
+
+    fn widths(&self) -> [usize; 2] {
+        [self.inputs(), self.outputs()]
+    }
+
+    fn params_mut(&mut self) -> &mut Vec<f32> {
+        &mut self.params
+    }
+
+    fn input(work: &mut Workspace) -> &mut Vec<f32> {
+        &mut work.activations[0]
+    }
+
+    fn run<'a>(&self, work: &'a mut Workspace, rows: usize) -> &'a [f32] {
+        forward(self, work, rows);
+        &work.activations[self.layers()][..rows * self.outputs()]
+    }
+
+    fn learn<'a>(&self, work: &'a mut Workspace, targets: &[f32], rows: usize) -> (f64, &'a [f32]) {
+        let loss = backward(self, work, targets, rows);
+        (loss, &work.gradient)
+    }
+}
+
 /// Trains `net` in place on `rows` rows that `fill` delivers; keeps the parameters with the lowest
 /// validation error. Returns the epoch they come from, 1-based.
-pub(super) fn fit(
-    net: &mut Mlp,
+pub(super) fn fit<N: Learner>(
+    net: &mut N,
     rows: usize,
     fill: Fill,
     validation: &Table,
@@ -41,12 +96,12 @@ pub(super) fn fit(
     run: Run,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<usize, TrainError> {
-    let mut work = Workspace::new(net, schedule.batch);
-    let mut adam = Adam::new(net.params.len());
+    let mut work = net.work(schedule.batch);
+    let mut adam = Adam::new(net.params_mut().len());
     let mut order: Vec<usize> = (0..rows).collect();
     let mut targets = Vec::new();
     let mut best = (loss(net, &mut work, validation, schedule.batch), 0);
-    let mut best_params = net.params.clone();
+    let mut best_params = net.params_mut().clone();
     for epoch in 0..schedule.epochs {
         // α = α₁ + (α₀ − α₁) (1 + cos π e / E) / 2
         let phase = PI * epoch as f64 / schedule.epochs as f64;
@@ -55,12 +110,13 @@ pub(super) fn fit(
         order.shuffle(rng);
         let mut train_loss = 0.0;
         for batch in order.chunks(schedule.batch) {
-            work.activations[0].clear();
+            N::input(&mut work).clear();
             targets.clear();
-            fill(batch, &mut work.activations[0], &mut targets);
-            forward(net, &mut work, batch.len());
-            train_loss += backward(net, &mut work, &targets, batch.len()) * batch.len() as f64;
-            adam.step(&mut net.params, &work.gradient, rate, schedule.weight_decay);
+            fill(batch, N::input(&mut work), &mut targets);
+            net.run(&mut work, batch.len());
+            let (loss, gradient) = net.learn(&mut work, &targets, batch.len());
+            train_loss += loss * batch.len() as f64;
+            adam.step(net.params_mut(), gradient, rate, schedule.weight_decay);
         }
         train_loss /= rows as f64;
         let validation_loss = loss(net, &mut work, validation, schedule.batch);
@@ -72,7 +128,7 @@ pub(super) fn fit(
         }
         if validation_loss < best.0 {
             best = (validation_loss, epoch + 1);
-            best_params.copy_from_slice(&net.params);
+            best_params.copy_from_slice(net.params_mut());
         }
         let wanted = progress(Progress {
             stage: run.stage,
@@ -89,13 +145,13 @@ pub(super) fn fit(
             break;
         }
     }
-    net.params = best_params;
+    *net.params_mut() = best_params;
     Ok(best.1)
 }
 
 /// Mean squared error over a table.
-fn loss(net: &Mlp, work: &mut Workspace, table: &Table, batch: usize) -> f64 {
-    let (n_in, n_out) = (net.inputs(), net.outputs());
+fn loss<N: Learner>(net: &N, work: &mut N::Work, table: &Table, batch: usize) -> f64 {
+    let [n_in, n_out] = net.widths();
     let mut sum = 0.0;
     for (x, y) in table
         .x
@@ -103,11 +159,10 @@ fn loss(net: &Mlp, work: &mut Workspace, table: &Table, batch: usize) -> f64 {
         .zip(table.y.chunks(batch * n_out))
     {
         let rows = x.len() / n_in;
-        work.activations[0].clear();
-        work.activations[0].extend_from_slice(x);
-        forward(net, work, rows);
-        let predicted = &work.activations[net.layers()][..rows * n_out];
-        sum += predicted
+        N::input(work).clear();
+        N::input(work).extend_from_slice(x);
+        sum += net
+            .run(work, rows)
             .iter()
             .zip(y)
             .map(|(a, t)| f64::from((a - t) * (a - t)))

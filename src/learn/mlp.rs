@@ -238,7 +238,7 @@ pub fn backward(net: &Mlp, work: &mut Workspace, targets: &[f32], rows: usize) -
 
 /// A row-major slice read as a matrix, or as its transpose.
 #[derive(Clone, Copy)]
-struct Operand<'a> {
+pub(super) struct Operand<'a> {
     data: &'a [f32],
     rows: usize,
     columns: usize,
@@ -247,7 +247,7 @@ struct Operand<'a> {
 }
 
 /// A row-major `rows` × `columns` slice.
-fn plain(data: &[f32], rows: usize, columns: usize) -> Operand<'_> {
+pub(super) fn plain(data: &[f32], rows: usize, columns: usize) -> Operand<'_> {
     Operand {
         data,
         rows,
@@ -258,7 +258,7 @@ fn plain(data: &[f32], rows: usize, columns: usize) -> Operand<'_> {
 }
 
 /// The transpose of a row-major `rows` × `columns` slice.
-fn transposed(data: &[f32], rows: usize, columns: usize) -> Operand<'_> {
+pub(super) fn transposed(data: &[f32], rows: usize, columns: usize) -> Operand<'_> {
     Operand {
         data,
         rows: columns,
@@ -276,7 +276,7 @@ fn transposed(data: &[f32], rows: usize, columns: usize) -> Operand<'_> {
     unsafe_code,
     reason = "the only entry to the blocked product is unsafe; every length is asserted before it"
 )]
-fn product(a: Operand, b: Operand, beta: f32, c: &mut [f32]) {
+pub(super) fn product(a: Operand, b: Operand, beta: f32, c: &mut [f32]) {
     let (m, k, n) = (a.rows, a.columns, b.columns);
     assert_eq!(k, b.rows, "inner widths of a matrix product");
     assert_eq!(a.data.len(), m * k, "left operand of a matrix product");

@@ -13,6 +13,7 @@ mod files;
 mod fit;
 mod guess;
 mod kernel;
+mod lstm;
 mod mlp;
 mod plant;
 mod progress;
@@ -21,6 +22,7 @@ mod scores;
 #[cfg(test)]
 mod synthetic;
 mod train;
+mod windows;
 
 pub use calibrate::Calibration;
 pub use cascade::{Cascade, CascadeParts, Correction, SensorSpread, ShapeError, estimate};
@@ -39,6 +41,7 @@ pub use scores::{
     RunningStats, SignalScores, pose_residual, quantile, to_pose,
 };
 pub use train::{Watch, adapt, train, train_plant, train_s2r, train_smap, with_guesses};
+pub use windows::{WindowMap, WindowNet};
 
 use nalgebra::{SMatrix, SVector};
 

@@ -4,13 +4,15 @@ use super::item::Study;
 use super::{conditions, control, coverage, faults, heading, networks, samples, sensing};
 
 /// All studies, in the order of the report.
-pub static STUDIES: [Study; 25] = [
+pub static STUDIES: [Study; 27] = [
     networks::MODALITY,
     networks::LAYERS,
+    networks::SEQUENCES,
     networks::S2R_WIDTH,
     networks::S2R,
     samples::N_SIM,
     samples::N_REAL,
+    samples::N_GRID,
     conditions::LOADS,
     conditions::SPEEDS,
     conditions::LATERAL,

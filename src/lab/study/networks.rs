@@ -9,10 +9,12 @@ use super::scores::Scores;
 use super::setup::{COLUMNS, Run, Setup, all, corrected, means, simulated_s};
 use crate::lab::motions::{FAST_M_S, Moment, Push};
 use crate::lab::table::{Drawn, Table, some};
-use crate::lab::units::{TEST, side_by_side};
+use crate::lab::units::{TEST, TRAINING, side_by_side};
 use crate::learn::{
-    Cascade, Channels, CorrectionReport, PoseMap as _, Recipe, Schedule, train_smap,
+    Cascade, Channels, CorrectionReport, PoseMap as _, PoseScores, Recipe, Schedule, WindowMap,
+    WindowNet, train_smap,
 };
+use crate::signal::Sample;
 
 /// Springs, IMUs, or both.
 pub const MODALITY: Study = Study {
@@ -30,6 +32,15 @@ pub const LAYERS: Study = Study {
     items: |_| HIDDEN.len(),
     find: find_layers,
     table: layers,
+};
+
+/// Networks with and without memory, over windows of motion.
+pub const SEQUENCES: Study = Study {
+    name: "sequences",
+    about: "Feed-forward networks and an LSTM over windows of motion",
+    items: |_| NETS.len(),
+    find: find_sequences,
+    table: sequences,
 };
 
 /// Neurons of the sim-to-real networks.
@@ -152,6 +163,75 @@ fn layers(found: Vec<Found>) -> Table {
          networks. The paper chose two layers (its figure 3 a gives no numbers)."
             .to_owned(),
     );
+    t
+}
+
+/// Samples of a window, 0.2 s apart.
+const STEPS: usize = 8;
+/// Frames of a motion from one sample of a window to the next.
+const FRAMES: usize = 4;
+/// Networks of 240 neurons, and how many samples they see.
+const NETS: [(&str, WindowNet, usize); 3] = [
+    ("120 + 120, one sample", WindowNet::FeedForward, 1),
+    ("120 + 120, windows", WindowNet::FeedForward, STEPS),
+    ("LSTM of 240, windows", WindowNet::Lstm(240), STEPS),
+];
+
+fn find_sequences(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
+    let runs = unloaded(setup)?;
+    let training = setup.labs(&TRAINING)?;
+    let blocks: Vec<&[Sample]> = training
+        .iter()
+        .flat_map(|lab| {
+            let rows = lab.recipe.split.rows(lab.session.row_s);
+            lab.session.samples.chunks(rows)
+        })
+        .collect();
+    let schedule = setup.recipe().smap;
+    each(&*setup.progress.clone(), items, |k| {
+        let (label, kind, steps) = NETS[k];
+        let quiet = &mut |_| ControlFlow::Continue(());
+        let map = WindowMap::train(kind, &blocks, steps, &schedule, setup.sizes.seed, quiet)?;
+        // All are scored at the same moments.
+        let span = (STEPS - 1) * FRAMES;
+        let (mut pairs, mut of_unit) = (Vec::new(), Vec::new());
+        for run in &runs {
+            let moments = &run.moments;
+            let ends: Vec<usize> = (span..moments.len()).collect();
+            let window = |end: &usize| {
+                let first = end - (steps - 1) * FRAMES;
+                let seen = (first..=*end).step_by(FRAMES);
+                seen.map(|k| moments[k].frame.sensors.to_vector()).collect()
+            };
+            let poses = map.poses(&ends.iter().map(window).collect::<Vec<_>>());
+            let truths = ends.iter().map(|end| moments[*end].base_from_pad[2]);
+            let own: Vec<_> = poses.into_iter().zip(truths).collect();
+            of_unit.push(means(&PoseScores::of(&own)));
+            pairs.extend(own);
+        }
+        let n = of_unit.len() as f64;
+        let mean = [0, 1, 2, 3].map(|c| of_unit.iter().map(|s| s[c]).sum::<f64>() / n);
+        let mut cells = some(&mean);
+        cells.push(Some(PoseScores::of(&pairs).translation_mm.p95));
+        let seconds = if k == 0 { simulated_s(&runs) } else { 0.0 };
+        Ok(Found::row(label, cells).after(seconds))
+    })
+}
+
+fn sequences(found: Vec<Found>) -> Table {
+    let columns = [COLUMNS.as_slice(), &["P95, mm"]].concat();
+    let mut t = Table::new(
+        "sequences",
+        "Networks with and without memory (240 neurons)",
+        &columns,
+        Drawn::Bars,
+    );
+    t.take(found);
+    t.notes.push(format!(
+        "Trained on the motion-capture sessions of units 1 and 2 alone, no simulated samples: windows of {STEPS} samples, 0.2 s apart. Scored on \
+         the test units in motion at 5 mm/s without load, at the same moments for all, without sim-to-real networks: what an arm has off \
+         the others is in every row. The paper found no significant difference (figure 5 a, no numbers)."
+    ));
     t
 }
 

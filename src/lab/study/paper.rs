@@ -117,6 +117,18 @@ fn networks() -> Part {
             "on the rig: translation, mm",
         );
     }
+    for net in [
+        "120 + 120, one sample",
+        "120 + 120, windows",
+        "LSTM of 240, windows",
+    ] {
+        line(
+            format!("a: {net}, on the rig, mm"),
+            "sequences",
+            net.to_owned(),
+            COLUMNS[0],
+        );
+    }
     for neurons in [5, 15, 45, 90, 120] {
         line(
             format!("b: sim-to-real networks of {neurons} neurons, held out, mm"),
@@ -124,6 +136,14 @@ fn networks() -> Part {
             format!("{neurons} neurons"),
             COLUMNS[0],
         );
+    }
+    for n in [60, 120, 240, 480, 729] {
+        lines.push(Line {
+            what: format!("sim-to-real networks on {n} settled samples, mm"),
+            paper: None,
+            ours: Figure::None,
+            theirs: at("n-grid", format!("{n} samples"), COLUMNS[0]),
+        });
     }
     for with in ["without", "with"] {
         lines.push(Line {
@@ -135,7 +155,7 @@ fn networks() -> Part {
     }
     Part {
         title: "Figure 5: networks",
-        rule: "The paper's figure has curves without numbers: two layers are better than one, 45 neurons are chosen, the sim-to-real \
+        rule: "The paper's figure has curves without numbers: two layers are better than one, an LSTM is no better than they, 45 neurons are chosen, the sim-to-real \
                networks make the gap smaller. It compares a and b on its own data; ours are errors of translation on the rig.",
         lines,
     }

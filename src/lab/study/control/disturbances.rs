@@ -163,7 +163,6 @@ fn trial(kind: ControllerKind, d: Disturbance, unit: (Unit, u64)) -> Trial {
         payload_kg: PAYLOAD_KG,
         declared_kg: PAYLOAD_KG,
         script: Some(d.script(unit.1)),
-        is_pushed: true,
         ..Trial::new(Gains::of(kind), Task::Path(Shape::Circle, 1), unit)
     }
 }

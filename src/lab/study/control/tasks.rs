@@ -85,7 +85,7 @@ pub const PICK_PLACE: Study = Study {
 };
 
 const KNOWN: &str = "The twin knows the load, not the stiffness. The three test units per row, each after its lab's \
-     calibration and with a seed of its own. Errors are of the true tip.";
+     calibration and with a seed of its own. Contact is not watched for. Errors are of the true tip.";
 
 fn percent(share: f64) -> f64 {
     100.0 * share
