@@ -79,7 +79,9 @@ fn names() -> impl TypedValueParser<Value = Selection> {
     let each = STUDIES
         .iter()
         .map(|s| PossibleValue::new(s.name).help(s.about));
-    PossibleValuesParser::new([all].into_iter().chain(each))
+    let paper =
+        PossibleValue::new(Selection::PAPER).help("Those of the paper's tables and figures");
+    PossibleValuesParser::new([all, paper].into_iter().chain(each))
         .try_map(|name| Selection::from_name(&name).ok_or("is no study"))
 }
 

@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use super::item::Study;
-use super::list::STUDIES;
+use super::list::{STUDIES, of_paper};
 use super::setup::Sizes;
 use crate::lab::shards::Part;
 
-/// The studies of a run: one, or all of them.
+/// The studies of a run: one, or several.
 #[derive(Clone, Copy)]
 pub struct Selection {
-    /// Name of the study, or [`Self::ALL`].
+    /// Name of the study, [`Self::ALL`] or [`Self::PAPER`].
     pub name: &'static str,
     /// The studies, in the order of the report.
     pub(super) studies: &'static [Study],
@@ -25,13 +25,14 @@ impl Selection {
     /// The name of all studies together.
     pub const ALL: &'static str = "all";
 
-    /// The study of that name, or all.
+    /// The name of those that the paper's page is made of.
+    pub const PAPER: &'static str = "paper";
+
+    /// The study of that name, or several.
     pub fn from_name(name: &str) -> Option<Self> {
-        if name == Self::ALL {
-            return Some(Self {
-                name: Self::ALL,
-                studies: &STUDIES,
-            });
+        let several: [(&str, &[Study]); 2] = [(Self::ALL, &STUDIES), (Self::PAPER, of_paper())];
+        if let Some((name, studies)) = several.into_iter().find(|(n, _)| *n == name) {
+            return Some(Self { name, studies });
         }
         let study = STUDIES.iter().find(|s| s.name == name)?;
         Some(Self {
@@ -40,9 +41,9 @@ impl Selection {
         })
     }
 
-    /// Whether all studies are meant.
-    pub(super) fn is_all(&self) -> bool {
-        self.name == Self::ALL
+    /// Whether it is several studies, which have a report and the paper's page.
+    pub(super) fn is_several(&self) -> bool {
+        self.studies.len() > 1
     }
 
     /// Label of the study at that index while it is done.
@@ -57,7 +58,7 @@ impl Selection {
     pub(super) fn files(&self) -> Vec<String> {
         let of = |s: &Study| ["json", "md", "svg"].map(|ending| format!("{}.{ending}", s.name));
         let mut files: Vec<String> = self.studies.iter().flat_map(of).collect();
-        if self.is_all() {
+        if self.is_several() {
             files.extend([SUMMARY.to_owned(), PAPER.to_owned()]);
         }
         files

@@ -427,6 +427,18 @@ mod tests {
     }
 
     #[test]
+    fn the_page_is_made_of_the_first_studies() {
+        let names = |studies: &[super::super::item::Study]| {
+            let mut names: Vec<&str> = studies.iter().map(|s| s.name).collect();
+            names.sort_unstable();
+            names
+        };
+        let mut used: Vec<&str> = tables().iter().map(|t| t.name).collect();
+        used.sort_unstable();
+        assert_eq!(used, names(super::super::list::of_paper()));
+    }
+
+    #[test]
     fn the_page_lists_where_the_paper_is_better_and_misses_no_row() {
         let mut all = tables();
         let text = page(&all, 1).expect("a page");

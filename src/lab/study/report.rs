@@ -50,8 +50,8 @@ pub(super) fn report(
     );
     let body: Vec<String> = tables.iter().map(Table::markdown).collect();
     let text = head + &body.join("\n");
-    // One study leaves the report of all as it was.
-    if selection.is_all() {
+    // One study leaves the report of several as it was.
+    if selection.is_several() {
         let path = out.join(SUMMARY);
         std::fs::write(&path, &text).with_context(|| format!("cannot write {}", path.display()))?;
         let path = out.join(PAPER);

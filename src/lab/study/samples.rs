@@ -204,6 +204,10 @@ fn find_n_real(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     ];
     each(&*setup.progress.clone(), items, |k| {
         let share = SHARES[k];
+        let label = format!("{:.0} s", share * setup.sizes.session);
+        if share > 0.0 && labs.iter().any(|lab| blocks_of(lab, share) < BLOCKS_MIN) {
+            return Ok(Found::row(label, vec![None; COLUMNS.len() + 1]));
+        }
         let mut scored = Vec::new();
         for map in &maps {
             let of_units = side_by_side(&labs, |lab| match share {
@@ -215,9 +219,17 @@ fn find_n_real(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
         let mut cells = scored[0].clone();
         cells.push(scored[1][0]);
         let seconds = if k == 0 { simulated_s(&runs) } else { 0.0 };
-        let label = format!("{:.0} s", share * setup.sizes.session);
         Ok(Found::row(label, cells).after(seconds))
     })
+}
+
+/// Fewest blocks that can be split into training, validation and test.
+const BLOCKS_MIN: usize = 3;
+
+/// So many blocks are a share of a unit's session.
+fn blocks_of(lab: &Lab, share: f64) -> usize {
+    let block = lab.recipe.split.rows(lab.session.row_s);
+    (share * lab.session.samples.len().div_ceil(block) as f64).ceil() as usize
 }
 
 /// A unit with a share of the blocks of its session.
@@ -225,7 +237,7 @@ fn shortened(lab: &Lab, share: f64) -> Lab {
     let block = lab.recipe.split.rows(lab.session.row_s);
     let blocks: Vec<_> = lab.session.samples.chunks(block).collect();
     let n = blocks.len() as f64;
-    let kept = (share * n).ceil().max(1.0);
+    let kept = blocks_of(lab, share) as f64;
     // Evenly over the session: both of its loads are there.
     let samples = (0..kept as usize).flat_map(|k| blocks[(k as f64 * n / kept) as usize]);
     let mut short = lab.clone();
@@ -250,10 +262,10 @@ fn n_real(found: Vec<Found>) -> Table {
     );
     t.take(found);
     t.notes.push(
-        "Blocks of 10 s of each test unit's motion-capture session for the sim-to-real networks, spread evenly over it; \
+        "Blocks of each test unit's motion-capture session for the sim-to-real networks, spread evenly over it; \
          scored on new motions at 5 mm/s, mean over the units; first the paper's way (see the table on the sim-to-real \
          networks), in the last column the networks under test, where 0 s is as they ship; networks that do no better on \
-         validation blocks are left out. The paper uses 729 samples."
+         validation blocks are left out. A session of less than three blocks has no figures. The paper uses 729 samples."
             .to_owned(),
     );
     t
