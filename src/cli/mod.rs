@@ -33,6 +33,7 @@ mod progress;
 mod recordings;
 mod reference;
 mod rig;
+mod robot;
 mod session;
 mod signals;
 mod simulate;

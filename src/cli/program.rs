@@ -10,7 +10,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 use super::drive::commands as drive;
 use super::{
     Failed, Report, calibrate, dataset, doctor, estimate, files, gap, import, imu, live,
-    load_robot, logging, recordings, reference, rig, sentence, simulate, soak, stdio, study, train,
+    load_robot, logging, recordings, reference, rig, robot, sentence, simulate, soak, stdio, study,
+    train,
 };
 #[cfg(feature = "gui")]
 use super::{args, window};
@@ -111,6 +112,9 @@ commands! { c:
     Convert(a: recordings::ConvertArgs) => recordings::convert(a),
     /// A recording computed again from its raw frames, with another calibration, other networks or this version
     Reprocess(a: recordings::ReprocessArgs) => recordings::reprocess_command(a, c.robot),
+    /// Robot files: what can be done with an arm, and the keys of its file
+    #[command(subcommand)]
+    Robot(a: robot::RobotCommand) => robot::run(a),
     /// The serial ports there are, and those that come and go
     Ports(a: files::PortsArgs) => files::ports_command(a, c.json),
     /// Check adapter, ports, motion capture, viewer, files and disk, and what to do about each

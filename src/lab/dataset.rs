@@ -81,7 +81,8 @@ pub fn generate(o: &Options, robot: &RobotSpec, progress: &dyn Progress) -> Resu
                 progress.items_done(n);
                 ControlFlow::Continue(())
             };
-            let (data, left_out) = motions::settled(robot, o.unit, &o.plan, o.range(), &mut done)?;
+            let own = (o.unit, &calibration_of(robot, o.unit)?);
+            let (data, left_out) = motions::settled(robot, own, &o.plan, o.range(), &mut done)?;
             write_dataset(&o.out, &data)?;
             Made {
                 samples: data.samples.len(),

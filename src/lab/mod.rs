@@ -48,6 +48,7 @@ pub mod ranges;
 pub mod replay;
 pub mod reprocess;
 pub mod rests;
+pub mod robot_check;
 pub mod self_calibration;
 pub mod session;
 pub mod shards;

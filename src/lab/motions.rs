@@ -8,7 +8,6 @@ use nalgebra::Vector3;
 use rand::Rng as _;
 
 use super::frames::raw_frame;
-use super::session::calibration_of;
 use crate::drive::rig_options;
 use crate::rig::hidden::Hidden;
 use crate::rig::inertial::InertialErrors;
@@ -24,14 +23,14 @@ use crate::twin::sensing_for;
 /// Frames read at each settled pose until one is kept: enough for the orientation filters to settle.
 const FRAMES_PER_POSE: u32 = 200;
 
-/// Settled samples of a unit of the virtual rig, read through its circuits, the calibration of its own springs and the
+/// Settled samples of a unit of the virtual rig, read through its circuits, a calibration and the
 /// filters, and the number of those without equilibrium, which are left out.
 ///
 /// # Errors
 /// When the rig or its sensors cannot be set up.
 pub fn settled(
     robot: &RobotSpec,
-    unit: Unit,
+    (unit, calibration): (Unit, &Calibration),
     plan: &Plan,
     range: std::ops::Range<usize>,
     progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
@@ -41,7 +40,7 @@ pub fn settled(
         ..rig_options(0.0, plan.seed)
     };
     let mut rig = VirtualRig::new(robot, &options)?;
-    let mut sensing = sensing_for(robot, &calibration_of(robot, unit)?);
+    let mut sensing = sensing_for(robot, calibration);
     let mut data = Dataset {
         source: format!("virtual rig, unit {}", unit.0),
         seed: plan.seed,

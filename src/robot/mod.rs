@@ -7,6 +7,7 @@
 
 mod error;
 mod file;
+mod keys;
 mod patch;
 
 use nalgebra::{Rotation3, Unit, Vector3};
@@ -14,6 +15,7 @@ use serde::Deserialize;
 
 use crate::signal::{CHAMBERS, IMUS, Pose, PressureLimits, SPRINGS};
 pub use error::RobotError;
+pub use keys::{KEYS, Key, Number, numbers};
 pub use patch::{
     Applied, PATCH_VERSION, Patch, PatchEffect, PatchLaw, PatchValue, with_patch,
     without_last_patch,

@@ -102,6 +102,44 @@ fn a_killed_run_goes_on_to_the_same_bytes() {
     assert!(!journal.exists(), "the journal was not removed");
 }
 
+/// Some rows of the page of the paper's figures, made again as the page was.
+#[test]
+fn the_page_of_the_paper_is_what_its_command_makes() {
+    let page = include_str!("../../assets/guide/results/paper.md");
+    let out = scratch("paper-page");
+    // To the near pose without load, nominal stiffness: items 7 to 9 of 54.
+    let shard = ["study", "moves", "--seed", "1001", "--shard", "3/18"];
+    json(&[shard.as_slice(), &["--json", "--out", utf8(&out)]].concat());
+    let text = std::fs::read_to_string(out.join("moves-3-of-18.json")).expect("a shard");
+    let found: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    let rows: Vec<&serde_json::Value> = found["found"]["items"]
+        .as_array()
+        .expect("items")
+        .iter()
+        .flat_map(|item| item["rows"].as_array().expect("rows"))
+        .collect();
+    let cell = |who: &str, k: usize| -> f64 {
+        let label = format!("near: {who}, 0 g, stiffness 1");
+        let row = rows.iter().find(|r| r["label"] == label.as_str());
+        let cell = row.expect("the row")["cells"][k].as_str();
+        cell.expect("a figure").parse().expect("a number")
+    };
+    for (k, column) in [(0, "steps"), (2, "final error, mm")] {
+        let start = format!("| near target: {column} | ");
+        let line = page
+            .lines()
+            .find(|l| l.starts_with(&start))
+            .expect("a line");
+        let printed: Vec<&str> = line.split('|').map(str::trim).collect();
+        for (at, who) in [(3, "ours"), (4, "paper's controller, with initial guess")] {
+            let (printed, got): (f64, f64) = (printed[at].parse().expect(line), cell(who, k));
+            // Printed with two or three digits; other processors round differently.
+            let off = (printed / got - 1.0).abs();
+            assert!(off < 0.02, "{who}, {column}: {got} against {printed}");
+        }
+    }
+}
+
 /// A study from end to end, short: the shipped networks on the rig, within the wide margins of 15 s of
 /// motion; and in shards, which give the same tables.
 #[test]

@@ -146,7 +146,13 @@ fn find_n_grid(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
     let plan = Plan::nominal(Draw::Grid(3), setup.sizes.seed);
     let (robot, all) = (&setup.robot, SETTLED[SETTLED.len() - 1]);
     let grids = side_by_side(&labs, |lab| {
-        let (data, _) = settled(robot, lab.unit, &plan, 0..all, &mut go_on)?;
+        let (data, _) = settled(
+            robot,
+            (lab.unit, &lab.calibration),
+            &plan,
+            0..all,
+            &mut go_on,
+        )?;
         Ok(data)
     })?;
     each(&*setup.progress.clone(), items, |k| {
