@@ -70,14 +70,23 @@ pub fn check(robot: &RobotSpec, text: &str) -> Checked {
         Err(e) => ability("simulate it (rod model)", Some(e.to_string()), ""),
     };
     let mesh = MeshModel::new(robot).err().map(|e| e.to_string());
-    let loaded = at_rest(robot, 0.0, robot.payload_max_kg).err();
+    let [shortest, longest] = robot.length_range_m;
+    let within = |length: &f64| (0.95 * shortest..=1.05 * longest).contains(length);
+    let loaded = match at_rest(robot, 0.0, robot.payload_max_kg) {
+        Err(e) => Some(e.to_string()),
+        Ok(seen) => seen.bellows_m.iter().find(|l| !within(l)).map(|l| {
+            format!(
+                "a bellows is {:.0} mm long then, beyond bellows.length_range_mm",
+                mm(*l)
+            )
+        }),
+    };
     let loaded = loaded.map(|e| {
         format!(
             "with mass.payload_max_kg = {} kg: {e}",
             robot.payload_max_kg
         )
     });
-    let [shortest, longest] = robot.length_range_m;
     for (name, pa) in [
         ("highest", robot.pressure.max_pa),
         ("lowest", robot.pressure.min_pa),
@@ -90,7 +99,7 @@ pub fn check(robot: &RobotSpec, text: &str) -> Checked {
             continue;
         };
         for (i, length) in seen.bellows_m.iter().enumerate() {
-            if !(0.95 * shortest..=1.05 * longest).contains(length) {
+            if !within(length) {
                 warnings.push(format!(
                     "chamber {} is {:.0} mm long at {:.0} kPa in all chambers, and bellows.length_range_mm is [{:.0}, {:.0}]: one of \
                      area, stiffness and range is off",
