@@ -33,6 +33,11 @@ fn the_page_of_commands_is_made_by_the_program() {
 }
 
 #[test]
+fn the_page_of_a_robot_files_keys_is_their_table() {
+    check("robot-keys.md", &["robot", "keys", "--markdown"]);
+}
+
+#[test]
 fn the_page_of_effects_is_the_table() {
     check("effects.md", &["gap", "effects", "--markdown"]);
 }

@@ -375,9 +375,9 @@ fn goto_reaches_its_target_with_a_patched_robot() {
 #[test]
 fn both_controllers_follow_the_papers_paths() {
     for (path, controller, payload, bound_mm) in [
-        ("circle", "ours", "0.115", 0.25),
-        ("eight", "ours", "0.5", 0.26),
-        ("eight", "paper", "0", 0.56),
+        ("circle", "ours", "0.115", 0.28),
+        ("eight", "ours", "0.5", 0.25),
+        ("eight", "paper", "0", 0.57),
     ] {
         let dir = scratch(&format!("follow-{path}-{controller}"));
         let out = dir.to_str().expect("utf-8");
