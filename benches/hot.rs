@@ -12,7 +12,6 @@ mod session;
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use nalgebra::SVector;
 use springtwin::control::{Controller, Gains, InitialGuess, Maps, Resolve, StartSample, StepInput};
 use springtwin::lab::motions::{Arm, Motion, each_sent};
 use springtwin::learn::{Model as Networks, PoseMap};
@@ -159,11 +158,7 @@ fn networks(c: &mut Criterion) {
         .guess
         .samples()
         .iter()
-        .map(|s| StartSample {
-            chamber_pa: s.chamber_pa.map(f64::from),
-            sensors: SVector::from_fn(|k, _| f64::from(s.sensors[k])),
-            pose: SVector::from_fn(|k, _| f64::from(s.pose[k])),
-        })
+        .map(StartSample::from)
         .collect();
     for (name, position_m) in [
         ("reach, reachable", [0.06, 0.04, -0.30]),

@@ -74,9 +74,9 @@ fn report(name: &str, checked: &Checked) -> Report {
     text += "\nits numbers";
     let unit_of = |kind: &str| KEYS.iter().find(|k| k.key == kind).map_or("", |k| k.unit);
     for n in &checked.numbers {
-        let source = match (n.source.as_str(), has_source(n)) {
-            ("", _) => "no source stated",
-            (source, _) => source,
+        let source = match n.source.as_str() {
+            "" => "no source stated",
+            source => source,
         };
         let unit = match unit_of(&n.kind()) {
             "" | "text" => String::new(),

@@ -9,7 +9,7 @@ use crate::signal::{CHAMBERS, Goal, Matrix6, Vector6};
 /// Rates are computed in kPa/s.
 pub(super) const PA_PER_KPA: f64 = 1e3;
 /// Damping of an inverse relative to its mean diagonal.
-pub(super) const DAMPING: f64 = 1e-3;
+const DAMPING: f64 = 1e-3;
 
 /// The goal, or the point that leads along the path to it.
 pub(super) fn reference(tick: &Tick) -> Goal {
@@ -30,11 +30,16 @@ pub(super) fn lead(tick: &Tick, gains: &Gains) -> Vector6 {
     wanted
 }
 
-/// Rates of the pressures that move the task residual like this, kPa/s: the least ones. `a` is its derivative per kPa.
-pub(super) fn rates_for(a: &Matrix6, wanted: &Vector6) -> Vector6 {
+/// AᵀA + λI, and λ.
+pub(super) fn damped(a: &Matrix6) -> (Matrix6, f64) {
     let ata = a.transpose() * a;
     let lambda = DAMPING * ata.trace() / 6.0 + f64::MIN_POSITIVE;
-    let h = ata + Matrix6::identity() * lambda;
+    (ata + Matrix6::identity() * lambda, lambda)
+}
+
+/// Rates of the pressures that move the task residual like this, kPa/s: the least ones. `a` is its derivative per kPa.
+pub(super) fn rates_for(a: &Matrix6, wanted: &Vector6) -> Vector6 {
+    let (h, _) = damped(a);
     let found = solve_free(&h, &(a.transpose() * wanted), &[true; CHAMBERS]);
     found.unwrap_or_else(Vector6::zeros)
 }

@@ -7,7 +7,7 @@
 //! space of A. The null-space form of μ|q − q_mid|² leaves no bias: at r = 0 both terms vanish.
 
 use super::adrc::Adrc;
-use super::aids::{DAMPING, PA_PER_KPA, centring, lead, reference};
+use super::aids::{PA_PER_KPA, centring, damped, lead, reference};
 use super::box_qp::solve_box_qp;
 use super::gains::Gains;
 use super::residual::{goal_residual, task_jacobian};
@@ -54,11 +54,9 @@ impl NullSpaceQp {
         if excess > 1.0 {
             wanted /= excess;
         }
-        let ata = a.transpose() * a;
-        let lambda = DAMPING * ata.trace() / 6.0 + f64::MIN_POSITIVE;
         let pull = centring(tick, &a, gains);
         // H = AᵀA + λI, g = −(Aᵀv + λu₀)
-        let h = ata + Matrix6::identity() * lambda;
+        let (h, lambda) = damped(&a);
         let g = -(a.transpose() * wanted + pull * lambda);
         let (lo, hi) = (tick.lo_pa_s / PA_PER_KPA, tick.hi_pa_s / PA_PER_KPA);
         let found = solve_box_qp(&h, &g, &lo, &hi);

@@ -12,7 +12,7 @@ use nalgebra::SVector;
 use super::adapt::SEGMENTS;
 use super::box_qp::solve_free;
 use super::residual::{TaskWeights, goal_residual, null_space, task_jacobian};
-use crate::learn::{PlantMap, PoseMap};
+use crate::learn::{GuessSample, PlantMap, PoseMap};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Goal, Matrix6, Reach, ReachState, SensorRef, Vector6};
 
@@ -25,6 +25,16 @@ pub struct StartSample {
     pub sensors: SensorRef,
     /// x, y, z of the tip in m, yaw, pitch, roll in rad, base frame.
     pub pose: Vector6,
+}
+
+impl From<&GuessSample> for StartSample {
+    fn from(s: &GuessSample) -> Self {
+        Self {
+            chamber_pa: s.chamber_pa.map(f64::from),
+            sensors: SensorRef::from_fn(|k, _| f64::from(s.sensors[k])),
+            pose: Vector6::from_fn(|k, _| f64::from(s.pose[k])),
+        }
+    }
 }
 
 impl StartSample {

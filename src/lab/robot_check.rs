@@ -2,6 +2,7 @@
 
 use crate::drive::model;
 use crate::robot::{Number, RobotSpec, numbers};
+use crate::signal::CHAMBERS;
 use crate::sim::mesh::MeshModel;
 use crate::sim::{Inputs, Model, Observation, SimError, State, observe, settle};
 
@@ -45,7 +46,7 @@ fn at_rest(robot: &RobotSpec, gauge_pa: f64, payload_kg: f64) -> Result<Observat
     let arm = Model::nominal(robot);
     let mut state = State::rest(&arm);
     let inputs = Inputs {
-        chamber_pa: [gauge_pa; 6],
+        chamber_pa: [gauge_pa; CHAMBERS],
         payload_kg,
         ..Inputs::default()
     };

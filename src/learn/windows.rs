@@ -31,7 +31,6 @@ enum Net {
 /// A trained map from windows.
 pub struct WindowMap {
     net: Net,
-    steps: usize,
     input: Scaling,
     output: Scaling,
 }
@@ -101,20 +100,10 @@ impl WindowMap {
                 Net::Lstm(net)
             }
         };
-        Ok(Self {
-            net,
-            steps,
-            input,
-            output,
-        })
+        Ok(Self { net, input, output })
     }
 
-    /// Samples of a window.
-    pub fn steps(&self) -> usize {
-        self.steps
-    }
-
-    /// Poses (x, y, z in m, yaw, pitch, roll in rad) at the ends of some windows, each of [`Self::steps`] vectors of signals.
+    /// Poses (x, y, z in m, yaw, pitch, roll in rad) at the ends of some windows, each of as many vectors of signals as it was trained on.
     pub fn poses(&self, windows: &[Vec<SVector<f64, SIGNALS>>]) -> Vec<Vector6> {
         let mut x = Vec::new();
         for s in windows.iter().flatten() {

@@ -699,6 +699,14 @@ mod tests {
 
     use crate::robot::REFERENCE;
 
+    /// A file in which one text stands for another is refused with these words.
+    fn refused(text: &str, (from, to): (&str, &str), says: &str) {
+        let bad = text.replacen(from, to, 1);
+        assert_ne!(bad, text, "{from}");
+        let e = RobotSpec::from_toml(&bad).expect_err(to).to_string();
+        assert!(e.contains(says), "{e}");
+    }
+
     #[test]
     fn reference_robot_has_the_geometry_of_its_description() {
         let r = RobotSpec::reference();
@@ -805,12 +813,10 @@ mod tests {
                 "within 70 to 240 mm",
             ),
         ] {
-            let bad = REFERENCE.replace(from, to);
-            assert_ne!(bad, REFERENCE, "{from}");
-            let e = RobotSpec::from_toml(&bad).expect_err(to).to_string();
-            assert!(e.contains(says), "{e}");
+            refused(REFERENCE, (from, to), says);
         }
     }
+
     #[test]
     fn a_segment_may_have_stiffnesses_of_its_own_a_core_or_be_locked() {
         let plain = RobotSpec::reference();
@@ -841,10 +847,7 @@ mod tests {
             ("= 3.5", "= 0.0", "segments.bending_stiffness_nm_rad"),
             ("= 500.0", "= -1.0", "segments.axial_stiffness_n_m"),
         ] {
-            let bad = text.replacen(from, to, 1);
-            assert_ne!(bad, text, "{from}");
-            let e = RobotSpec::from_toml(&bad).expect_err(to).to_string();
-            assert!(e.contains(says), "{e}");
+            refused(&text, (from, to), says);
         }
     }
 
@@ -878,10 +881,7 @@ mod tests {
                 "3 values",
             ),
         ] {
-            let bad = text.replacen(from, to, 1);
-            assert_ne!(bad, text, "{from}");
-            let e = RobotSpec::from_toml(&bad).expect_err(to).to_string();
-            assert!(e.contains(says), "{e}");
+            refused(text, (from, to), says);
         }
     }
 }

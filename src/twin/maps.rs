@@ -8,7 +8,7 @@ use crate::control::StartSample;
 use crate::learn::{self, PlantMap, PoseEval, PoseMap};
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
-use crate::signal::{IMUS, RawFrame, SensorFrame, SensorRef, Vector6};
+use crate::signal::{IMUS, RawFrame, SensorFrame};
 use crate::sim::patch::{Correction, SensorErrors};
 
 /// The maps that a twin works with.
@@ -70,13 +70,15 @@ impl Maps {
 
 impl From<learn::Model> for Maps {
     fn from(model: learn::Model) -> Self {
-        let seed = |s: &learn::GuessSample| StartSample {
-            chamber_pa: s.chamber_pa.map(f64::from),
-            sensors: SensorRef::from_fn(|k, _| f64::from(s.sensors[k])),
-            pose: Vector6::from_fn(|k, _| f64::from(s.pose[k])),
-        };
         Self {
-            seeds: Arc::new(model.guess.samples().iter().map(seed).collect()),
+            seeds: Arc::new(
+                model
+                    .guess
+                    .samples()
+                    .iter()
+                    .map(StartSample::from)
+                    .collect(),
+            ),
             pose: Arc::new(model.cascade),
             plant: Arc::new(model.plant),
             networks: model.hash,

@@ -52,11 +52,12 @@ pub(super) fn report(
     let text = head + &body.join("\n");
     // One study leaves the report of several as it was.
     if selection.is_several() {
-        let path = out.join(SUMMARY);
-        std::fs::write(&path, &text).with_context(|| format!("cannot write {}", path.display()))?;
-        let path = out.join(PAPER);
-        std::fs::write(&path, paper::page(tables, about.seed)?)
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        let page = paper::page(tables, about.seed)?;
+        for (name, text) in [(SUMMARY, &text), (PAPER, &page)] {
+            let path = out.join(name);
+            std::fs::write(&path, text)
+                .with_context(|| format!("cannot write {}", path.display()))?;
+        }
     }
     let tables: Vec<Value> = tables.iter().map(Table::json).collect();
     Ok(Report {
