@@ -155,9 +155,9 @@ fn find_n_grid(setup: &mut Setup, items: Range<usize>) -> Result<Vec<Found>> {
         )?;
         Ok(data)
     })?;
+    let both: Vec<_> = labs.iter().zip(&grids).collect();
     each(&*setup.progress.clone(), items, |k| {
         let n = SETTLED[k];
-        let both: Vec<_> = labs.iter().zip(&grids).collect();
         let reports = side_by_side(&both, |(lab, grid)| match n {
             0 => Ok(map.clone()),
             _ => {

@@ -24,9 +24,6 @@ pub const AIDS: Study = Study {
 
 /// Arms: stiffness as a factor, load in kg.
 const ARMS: [(f64, f64); 2] = [(0.5, 0.0), (1.0, 0.27)];
-/// Pull towards the middle of the pressures, where that aid is on: as our controller ships.
-const CENTRING: f64 = 0.15;
-
 /// Aids: led along the path, stiffness learned, drawn to the middle of the pressures.
 const AIDS_OF: [(&str, [bool; 3]); 5] = [
     ("without aids", [false, false, false]),
@@ -59,7 +56,11 @@ fn gains(kind: ControllerKind, [lead, learned, centred]: [bool; 3]) -> Gains {
             true => Adaptation::Gated,
             false => Adaptation::Off,
         },
-        centring: if centred { CENTRING } else { 0.0 },
+        // As our controller ships.
+        centring: match centred {
+            true => Gains::of(ControllerKind::NullSpaceQp).centring,
+            false => 0.0,
+        },
         ..Gains::of(kind)
     }
 }

@@ -1,5 +1,6 @@
 //! The tasks of the paper over loads, stiffnesses and seeds, by both controllers.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use anyhow::Result;
@@ -14,6 +15,7 @@ use crate::lab::study::setup::Setup;
 use crate::lab::table::{Drawn, Table};
 use crate::lab::units::TEST;
 use crate::rig::Unit;
+use crate::robot::RobotSpec;
 use crate::signal::{ControllerKind, Goal, OrientationGoal};
 use crate::sim::{Inputs, Model, State, observe, settle};
 use crate::twin::Maps;
@@ -69,7 +71,7 @@ pub const MOVES_POSITION: Study = Study {
 };
 
 /// What counts of a target.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 enum Aim {
     Pose,
     Position,
@@ -264,10 +266,9 @@ const MOVERS: [(&str, ControllerKind, InitialGuess); 3] = [
     ("ours", ControllerKind::NullSpaceQp, InitialGuess::Nearest),
 ];
 
-/// Name and place of the target, m, stiffness, load, kg, and controller.
+/// Name of the target, stiffness, load, kg, and controller.
 type MoveCondition = (
     &'static str,
-    [f64; 3],
     f64,
     f64,
     (&'static str, ControllerKind, InitialGuess),
@@ -275,23 +276,19 @@ type MoveCondition = (
 
 fn move_conditions() -> Vec<MoveCondition> {
     let mut out = Vec::new();
-    for (target, position_m) in TARGETS_M {
+    for (target, _) in TARGETS_M {
         for stiffness in STIFFNESSES {
             for payload_kg in [0.0, 0.5] {
-                out.extend(MOVERS.map(|m| (target, position_m, stiffness, payload_kg, m)));
+                out.extend(MOVERS.map(|m| (target, stiffness, payload_kg, m)));
             }
         }
     }
     out
 }
 
-/// The target at this place, m: with the orientation that the nominal arm has there, its pressures by the shipped networks.
-fn target(setup: &Setup, position_m: [f64; 3], aim: Aim) -> Result<Goal> {
+/// The pose that the nominal arm has at this place, m; its pressures by the shipped networks.
+fn pose_at(robot: &RobotSpec, maps: &Maps, position_m: [f64; 3]) -> Result<Goal> {
     let goal = Goal::position(position_m);
-    if aim == Aim::Position {
-        return Ok(goal);
-    }
-    let (robot, maps) = (&setup.robot, Maps::from(setup.shipped.clone()));
     let (pose, plant) = (maps.pose.as_ref(), maps.plant.as_ref());
     let found = reach(
         &goal,
@@ -319,18 +316,26 @@ fn target(setup: &Setup, position_m: [f64; 3], aim: Aim) -> Result<Goal> {
 
 fn find_moves(setup: &mut Setup, aim: Aim, items: Range<usize>) -> Result<Vec<Found>> {
     let conditions = &move_conditions()[items];
-    let goals = conditions.iter().map(|c| target(setup, c.1, aim));
-    let goals = goals.collect::<Result<Vec<Goal>>>()?;
-    let trials = conditions.iter().zip(&goals).map(|(c, goal)| {
+    let maps = Maps::from(setup.shipped.clone());
+    let goals = TARGETS_M.into_iter().map(|(name, position_m)| {
+        let goal = match aim {
+            Aim::Pose => pose_at(&setup.robot, &maps, position_m)?,
+            Aim::Position => Goal::position(position_m),
+        };
+        Ok((name, goal))
+    });
+    let goals = goals.collect::<Result<BTreeMap<&str, Goal>>>()?;
+    let trials = conditions.iter().map(|c| {
+        let goal = &goals[c.0];
         let trial = |unit| {
             let gains = Gains {
-                guess: c.4.2,
-                ..Gains::of(c.4.1)
+                guess: c.3.2,
+                ..Gains::of(c.3.1)
             };
             Trial {
-                payload_kg: c.3,
-                declared_kg: c.3,
-                stiffness: c.2,
+                payload_kg: c.2,
+                declared_kg: c.2,
+                stiffness: c.1,
                 ..Trial::new(gains, Task::Goto(goal.clone()), unit)
             }
         };
@@ -349,7 +354,7 @@ fn find_moves(setup: &mut Setup, aim: Aim, items: Range<usize>) -> Result<Vec<Fo
         let steps = moved().filter_map(|m| m.steps).map(|s| s as f64);
         let settled = mean(moved().map(|m| percent(f64::from(u8::from(m.steps.is_some())))));
         Found::row(
-            format!("{}: {}, {:.0} g, stiffness {}", c.0, c.4.0, c.3 * 1e3, c.2),
+            format!("{}: {}, {:.0} g, stiffness {}", c.0, c.3.0, c.2 * 1e3, c.1),
             vec![
                 mean(steps).filter(|_| all_settled),
                 mean(moved().filter_map(|m| m.settled_s)).filter(|_| all_settled),
