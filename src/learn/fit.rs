@@ -1,8 +1,13 @@
 //! Adam on mean squared error with cosine decay and early stopping.
+//!
+//! A batch is worked on in two halves, each with its own noise, side by side where there is a pool of threads; the sum of
+//! their gradients does not depend on that.
 
 use std::f64::consts::PI;
 use std::ops::ControlFlow;
 
+use pulp::Arch;
+use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64Mcg;
 
@@ -19,8 +24,9 @@ pub(super) struct Table {
     pub y: Vec<f32>,
 }
 
-/// Puts the scaled inputs and targets of the given training rows into two buffers (appending).
-pub(super) type Fill<'a> = &'a mut dyn FnMut(&[usize], &mut Vec<f32>, &mut Vec<f32>);
+/// Puts the scaled inputs and targets of the given training rows into two buffers (appending), with noise of this generator.
+pub(super) type Fill<'a> =
+    &'a (dyn Fn(&[usize], &mut Pcg64Mcg, &mut Vec<f32>, &mut Vec<f32>) + Sync);
 
 /// Where the run is in the whole training, for progress reports.
 #[derive(Clone, Copy)]
@@ -30,9 +36,9 @@ pub(super) struct Run {
 }
 
 /// A network that learns by its gradient.
-pub(super) trait Learner {
+pub(super) trait Learner: Sync {
     /// Buffers for one batch.
-    type Work;
+    type Work: Send;
 
     /// Buffers for batches of up to `rows` rows.
     fn work(&self, rows: usize) -> Self::Work;
@@ -49,9 +55,11 @@ pub(super) trait Learner {
     /// Runs the inputs of `rows` rows through the network; returns the scaled outputs.
     fn run<'a>(&self, work: &'a mut Self::Work, rows: usize) -> &'a [f32];
 
-    /// Mean squared error of the outputs after [`Self::run`], and its derivative after every parameter.
-    fn learn<'a>(&self, work: &'a mut Self::Work, targets: &[f32], rows: usize)
-    -> (f64, &'a [f32]);
+    /// Mean squared error of the outputs after [`Self::run`]; its derivative is then in [`Self::gradient`].
+    fn learn(&self, work: &mut Self::Work, targets: &[f32], rows: usize) -> f64;
+
+    /// Derivative of the error after every parameter, after [`Self::learn`].
+    fn gradient(work: &Self::Work) -> &[f32];
 }
 
 impl Learner for Mlp {
@@ -78,9 +86,32 @@ impl Learner for Mlp {
         &work.activations[self.layers()][..rows * self.outputs()]
     }
 
-    fn learn<'a>(&self, work: &'a mut Workspace, targets: &[f32], rows: usize) -> (f64, &'a [f32]) {
-        let loss = backward(self, work, targets, rows);
-        (loss, &work.gradient)
+    fn learn(&self, work: &mut Workspace, targets: &[f32], rows: usize) -> f64 {
+        backward(self, work, targets, rows)
+    }
+
+    fn gradient(work: &Workspace) -> &[f32] {
+        &work.gradient
+    }
+}
+
+/// What works on one half of every batch.
+struct Half<W> {
+    work: W,
+    targets: Vec<f32>,
+    noise: Pcg64Mcg,
+}
+
+/// Does the same with both halves, side by side within a pool of threads.
+fn both<W: Send, T: Send>(
+    halves: &mut [Half<W>; 2],
+    rows: [&[usize]; 2],
+    of_one: impl Fn(&mut Half<W>, &[usize]) -> T + Sync,
+) -> [T; 2] {
+    let [a, b] = halves;
+    match rayon::current_thread_index() {
+        Some(_) => rayon::join(|| of_one(a, rows[0]), || of_one(b, rows[1])).into(),
+        None => [of_one(a, rows[0]), of_one(b, rows[1])],
     }
 }
 
@@ -96,11 +127,14 @@ pub(super) fn fit<N: Learner>(
     run: Run,
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<usize, TrainError> {
-    let mut work = net.work(schedule.batch);
+    let mut halves = [0; 2].map(|_| Half {
+        work: net.work(schedule.batch.div_ceil(2)),
+        targets: Vec::new(),
+        noise: Pcg64Mcg::from_rng(rng),
+    });
     let mut adam = Adam::new(net.params_mut().len());
     let mut order: Vec<usize> = (0..rows).collect();
-    let mut targets = Vec::new();
-    let mut best = (loss(net, &mut work, validation, schedule.batch), 0);
+    let mut best = (loss(net, &mut halves, validation, schedule.batch), 0);
     let mut best_params = net.params_mut().clone();
     for epoch in 0..schedule.epochs {
         // α = α₁ + (α₀ − α₁) (1 + cos π e / E) / 2
@@ -110,16 +144,33 @@ pub(super) fn fit<N: Learner>(
         order.shuffle(rng);
         let mut train_loss = 0.0;
         for batch in order.chunks(schedule.batch) {
-            N::input(&mut work).clear();
-            targets.clear();
-            fill(batch, N::input(&mut work), &mut targets);
-            net.run(&mut work, batch.len());
-            let (loss, gradient) = net.learn(&mut work, &targets, batch.len());
-            train_loss += loss * batch.len() as f64;
-            adam.step(net.params_mut(), gradient, rate, schedule.weight_decay);
+            let (first, second) = batch.split_at(batch.len().div_ceil(2));
+            let shared = &*net;
+            let losses = both(&mut halves, [first, second], |half, rows| {
+                let Half {
+                    work,
+                    targets,
+                    noise,
+                } = half;
+                N::input(work).clear();
+                targets.clear();
+                fill(rows, noise, N::input(work), targets);
+                shared.run(work, rows.len());
+                shared.learn(work, targets, rows.len()) * rows.len() as f64
+            });
+            train_loss += losses.iter().sum::<f64>();
+            let share = first.len() as f32 / batch.len() as f32;
+            let gradients = halves.each_ref().map(|h| N::gradient(&h.work));
+            adam.step(
+                net.params_mut(),
+                gradients,
+                share,
+                rate,
+                schedule.weight_decay,
+            );
         }
         train_loss /= rows as f64;
-        let validation_loss = loss(net, &mut work, validation, schedule.batch);
+        let validation_loss = loss(net, &mut halves, validation, schedule.batch);
         if !(train_loss.is_finite() && validation_loss.is_finite()) {
             return Err(TrainError::Diverged {
                 stage: run.stage,
@@ -150,25 +201,28 @@ pub(super) fn fit<N: Learner>(
 }
 
 /// Mean squared error over a table.
-fn loss<N: Learner>(net: &N, work: &mut N::Work, table: &Table, batch: usize) -> f64 {
+fn loss<N: Learner>(net: &N, halves: &mut [Half<N::Work>; 2], table: &Table, batch: usize) -> f64 {
     let [n_in, n_out] = net.widths();
-    let mut sum = 0.0;
-    for (x, y) in table
-        .x
-        .chunks(batch * n_in)
-        .zip(table.y.chunks(batch * n_out))
-    {
-        let rows = x.len() / n_in;
-        N::input(work).clear();
-        N::input(work).extend_from_slice(x);
-        sum += net
-            .run(work, rows)
-            .iter()
-            .zip(y)
-            .map(|(a, t)| f64::from((a - t) * (a - t)))
-            .sum::<f64>();
-    }
-    sum / table.y.len() as f64
+    let rows: Vec<usize> = (0..table.y.len() / n_out).collect();
+    let (first, second) = rows.split_at(rows.len().div_ceil(2));
+    let sums = both(halves, [first, second], |half, rows| {
+        let mut sum = 0.0;
+        for part in rows.chunks(batch.div_ceil(2)) {
+            let (from, n) = (part[0], part.len());
+            let input = N::input(&mut half.work);
+            input.clear();
+            input.extend_from_slice(&table.x[from * n_in..(from + n) * n_in]);
+            let found = net.run(&mut half.work, n);
+            let wanted = &table.y[from * n_out..(from + n) * n_out];
+            let squares = found
+                .iter()
+                .zip(wanted)
+                .map(|(a, t)| f64::from((a - t) * (a - t)));
+            sum += squares.sum::<f64>();
+        }
+        sum
+    });
+    sums.iter().sum::<f64>() / table.y.len() as f64
 }
 
 /// Kingma & Ba, Adam (2015), with decoupled weight decay (Loshchilov & Hutter 2019).
@@ -187,7 +241,16 @@ impl Adam {
         }
     }
 
-    fn step(&mut self, params: &mut [f32], gradient: &[f32], rate: f64, weight_decay: f64) {
+    /// A step by the gradients of two halves of a batch; `share` of its rows are in the first. A half without rows has a
+    /// gradient of zero.
+    fn step(
+        &mut self,
+        params: &mut [f32],
+        [first, second]: [&[f32]; 2],
+        share: f32,
+        rate: f64,
+        weight_decay: f64,
+    ) {
         const B1: f32 = 0.9;
         const B2: f32 = 0.999;
         self.steps += 1;
@@ -197,10 +260,14 @@ impl Adam {
         let rate_now = (rate * c2.sqrt() / c1) as f32;
         let keep = (1.0 - rate * weight_decay) as f32;
         let moments = self.mean.iter_mut().zip(&mut self.square);
-        for ((p, g), (m, v)) in params.iter_mut().zip(gradient).zip(moments) {
-            *m = B1 * *m + (1.0 - B1) * g;
-            *v = B2 * *v + (1.0 - B2) * g * g;
-            *p = keep * *p - rate_now * *m / (v.sqrt() + 1e-8);
-        }
+        let gradients = first.iter().zip(second);
+        Arch::new().dispatch(|| {
+            for ((p, (a, b)), (m, v)) in params.iter_mut().zip(gradients).zip(moments) {
+                let g = share * a + (1.0 - share) * b;
+                *m = B1 * *m + (1.0 - B1) * g;
+                *v = B2 * *v + (1.0 - B2) * g * g;
+                *p = keep * *p - rate_now * *m / (v.sqrt() + 1e-8);
+            }
+        });
     }
 }

@@ -166,11 +166,12 @@ impl Learner for Lstm {
         &work.output
     }
 
-    fn learn<'a>(&self, work: &'a mut Memory, targets: &[f32], rows: usize) -> (f64, &'a [f32]) {
+    fn learn(&self, work: &mut Memory, targets: &[f32], rows: usize) -> f64 {
         let (n, width) = (self.hidden, self.width());
         let [w, b, v, d, _] = self.spans();
         // E = Σ (a − t)² / (rows · outputs)
-        let factor = 2.0 / (rows * self.outputs) as f32;
+        let count = (rows * self.outputs).max(1);
+        let factor = 2.0 / count as f32;
         let mut loss = 0.0;
         let errors = work.output.iter().zip(targets).map(|(a, t)| a - t);
         let delta: Vec<f32> = errors
@@ -179,7 +180,7 @@ impl Learner for Lstm {
             .collect();
         work.gradient.fill(0.0);
         let Some(last) = work.steps.last() else {
-            return (0.0, &work.gradient);
+            return 0.0;
         };
         // ∂E/∂V = Δᵀ H,  ∂E/∂d = Δᵀ 1,  ∂E/∂h = Δ V
         let after = transposed(&delta, rows, self.outputs);
@@ -228,7 +229,11 @@ impl Learner for Lstm {
                 dh[r * n..(r + 1) * n].copy_from_slice(&dz[self.inputs..]);
             }
         }
-        (loss / (rows * self.outputs) as f64, &work.gradient)
+        loss / count as f64
+    }
+
+    fn gradient(work: &Memory) -> &[f32] {
+        &work.gradient
     }
 }
 
@@ -261,8 +266,8 @@ mod tests {
         let mut learn = |net: &Lstm| {
             Lstm::input(&mut work).clone_from(&window);
             net.run(&mut work, rows);
-            let (loss, gradient) = net.learn(&mut work, &targets, rows);
-            (loss, gradient.to_vec())
+            let loss = net.learn(&mut work, &targets, rows);
+            (loss, work.gradient.clone())
         };
         let (_, gradient) = learn(&net);
         let scale = gradient.iter().fold(0.0_f32, |m, g| m.max(g.abs()));

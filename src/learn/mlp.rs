@@ -10,6 +10,7 @@
 //! This file is the training side: f32, whole batches, matrix products on the blocked kernels of
 //! `matrixmultiply`. The control loop uses [`super::Kernel`].
 
+use pulp::Arch;
 use rand::Rng;
 
 /// Mean and standard deviation per channel. A deviation of zero marks a channel that is not used.
@@ -173,9 +174,7 @@ pub fn forward(net: &Mlp, work: &mut Workspace, rows: usize) {
             a_out,
         );
         if l + 1 < net.layers() {
-            for a in a_out.iter_mut() {
-                *a = tan_sigmoid(*a);
-            }
+            Arch::new().dispatch(|| a_out.iter_mut().for_each(|a| *a = tan_sigmoid(*a)));
         }
     }
 }
@@ -188,7 +187,7 @@ pub fn backward(net: &Mlp, work: &mut Workspace, targets: &[f32], rows: usize) -
     let layers = net.layers();
     let n_out = net.outputs();
     // E = Σ (a − t)² / (rows · outputs),  ∂E/∂a = 2 (a − t) / (rows · outputs)
-    let factor = 2.0 / (rows * n_out) as f32;
+    let factor = 2.0 / (rows * n_out).max(1) as f32;
     let mut loss = 0.0;
     let predicted = &work.activations[layers][..rows * n_out];
     let delta = &mut work.deltas[layers][..rows * n_out];
@@ -213,11 +212,13 @@ pub fn backward(net: &Mlp, work: &mut Workspace, targets: &[f32], rows: usize) -
         );
         let g_biases = &mut rest[..n_biases];
         g_biases.fill(0.0);
-        for row in d_out.chunks_exact(n_out) {
-            for (g, d) in g_biases.iter_mut().zip(row) {
-                *g += d;
+        Arch::new().dispatch(|| {
+            for row in d_out.chunks_exact(n_out) {
+                for (g, d) in g_biases.iter_mut().zip(row) {
+                    *g += d;
+                }
             }
-        }
+        });
         if l > 0 {
             let d_in = &mut before[l][..rows * n_in];
             let (weights, _) = net.layer(l);
@@ -228,12 +229,14 @@ pub fn backward(net: &Mlp, work: &mut Workspace, targets: &[f32], rows: usize) -
                 0.0,
                 d_in,
             );
-            for (d, a) in d_in.iter_mut().zip(a_in) {
-                *d *= 1.0 - a * a;
-            }
+            Arch::new().dispatch(|| {
+                for (d, a) in d_in.iter_mut().zip(a_in) {
+                    *d *= 1.0 - a * a;
+                }
+            });
         }
     }
-    loss / (rows * n_out) as f64
+    loss / (rows * n_out).max(1) as f64
 }
 
 /// A row-major slice read as a matrix, or as its transpose.
@@ -309,6 +312,7 @@ pub(super) fn product(a: Operand, b: Operand, beta: f32, c: &mut [f32]) {
 ///
 /// The continued fraction x / (1 + x² / (3 + x² / (5 + …))) cut after seven terms gives p / q at
 /// x / 2; then tanh x = 2 p q / (p² + q²).
+#[inline(always)]
 pub fn tan_sigmoid(x: f32) -> f32 {
     // tanh 9 is 1 within 4·10⁻⁸.
     let h = 0.5 * x.clamp(-9.0, 9.0);

@@ -109,7 +109,7 @@ pub fn with_guesses(base: &Model, samples: &Dataset) -> Model {
 /// Trains one member; gives it with the epoch of its parameters.
 type TrainMember<'a> = dyn Fn(usize, Watch) -> Result<(Mlp, usize), TrainError> + Sync + 'a;
 
-/// Trains members side by side, as many as there are processors; which one is done first changes
+/// Trains members side by side, and the halves of their batches, on all processors; which one is done first changes
 /// nothing.
 fn members(
     count: usize,
@@ -119,7 +119,7 @@ fn members(
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     // The threads end with the pool.
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(cores.min(count.max(1)))
+        .num_threads(cores.min(2 * count.max(1)))
         .thread_name(|_| "training".to_owned())
         .build()
         .expect("threads");
@@ -215,8 +215,8 @@ fn fill_from(
     table: &Table,
     inputs: usize,
     outputs: usize,
-) -> impl FnMut(&[usize], &mut Vec<f32>, &mut Vec<f32>) {
-    move |batch, x, y| {
+) -> impl Fn(&[usize], &mut Pcg64Mcg, &mut Vec<f32>, &mut Vec<f32>) {
+    move |batch, _, x, y| {
         for i in batch {
             x.extend_from_slice(&table.x[i * inputs..(i + 1) * inputs]);
             y.extend_from_slice(&table.y[i * outputs..(i + 1) * outputs]);

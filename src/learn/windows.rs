@@ -129,7 +129,7 @@ fn learn<N: Learner>(
     progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<(), TrainError> {
     let [n_in, n_out] = net.widths();
-    let mut fill = |batch: &[usize], x: &mut Vec<f32>, y: &mut Vec<f32>| {
+    let fill = |batch: &[usize], _: &mut Pcg64Mcg, x: &mut Vec<f32>, y: &mut Vec<f32>| {
         for i in batch {
             x.extend_from_slice(&train.x[i * n_in..(i + 1) * n_in]);
             y.extend_from_slice(&train.y[i * n_out..(i + 1) * n_out]);
@@ -140,10 +140,7 @@ fn learn<N: Learner>(
         member: 0,
     };
     let rows = train.y.len() / n_out;
-    fit(
-        net, rows, &mut fill, validation, schedule, rng, run, progress,
-    )
-    .map(|_| ())
+    fit(net, rows, &fill, validation, schedule, rng, run, progress).map(|_| ())
 }
 
 fn run<N: Learner>(net: &N, x: Vec<f32>, rows: usize) -> Vec<f32> {

@@ -14,6 +14,7 @@ pub mod circuit;
 pub mod clock;
 pub mod faults;
 pub mod firmware;
+mod grasp;
 pub mod hidden;
 pub mod inertial;
 pub mod multibody;
@@ -38,6 +39,8 @@ use circuit::{Circuit, USUAL_SCATTER};
 use clock::Clock;
 use faults::{BoardEvent, Faults};
 use firmware::{FirmwareBoard, FirmwareError};
+use grasp::Grasp;
+pub use grasp::Object;
 use hidden::{Defects, Hidden};
 use inertial::{Inertial, InertialErrors};
 use multibody::arm::RINGS;
@@ -54,8 +57,6 @@ const TICK_RATE_HZ: u32 = 2_000_000;
 const GAUGE_NOISE_PA: f64 = 30.0;
 const GAUGE_STEP_PA: f64 = 10.0;
 
-/// Distance within which the gripper takes an object, m.
-const GRASP_M: f64 = 10e-3;
 /// Rate at which a weight comes onto the gripper and leaves it, kg/s.
 const LIFT_KG_S: f64 = 1.0;
 
@@ -83,17 +84,6 @@ impl RigOptions {
     pub fn clocks(&self) -> [Clock; BOARDS] {
         self.clocks.unwrap_or_else(|| Clock::of_unit(self.unit.0))
     }
-}
-
-/// Something that the gripper can pick up.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Object {
-    /// Position of the end pad's origin that grasps it; where it was last released, m.
-    pub grasp_m: [f64; 3],
-    /// Its mass, kg.
-    pub mass_kg: f64,
-    /// Whether the gripper has it.
-    pub held: bool,
 }
 
 /// Why there is no rig.
@@ -138,6 +128,9 @@ pub struct VirtualRig {
     pub faults: Faults,
     objects: Vec<Object>,
     gripper: Gripper,
+    grasp: Option<Grasp>,
+    /// Where the tip was a step ago and the step before, base, m.
+    tip_before_m: [Vector3<f64>; 2],
     /// Mass in the gripper beyond the surroundings' payload, kg.
     lifted_kg: f64,
     boards: [RigBoard; BOARDS],
@@ -282,6 +275,8 @@ impl VirtualRig {
             faults: Faults::new(options.seed),
             objects: options.objects.clone(),
             gripper: Gripper::Open,
+            grasp: None,
+            tip_before_m: [Vector3::zeros(); 2],
             lifted_kg: 0.0,
             boards: [board(0, 3.1), board(1, 1207.4)],
             readings: [Readings::default(); BOARDS],
@@ -374,27 +369,27 @@ impl VirtualRig {
         &self.objects
     }
 
-    /// The gripper takes what is in its reach and lets go of what it holds.
+    /// The gripper takes what is between its fingers, lets go of it, or loses it.
     fn grip(&mut self, gripper: Gripper) {
-        let tip_m = self.plant.truth().base_from_tip().translation.vector;
-        match (self.gripper, gripper) {
-            (Gripper::Open, Gripper::Closed) => {
-                let off_m = |o: &Object| (Vector3::from(o.grasp_m) - tip_m).norm();
-                let nearest = self
-                    .objects
-                    .iter_mut()
-                    .min_by(|a, b| off_m(a).total_cmp(&off_m(b)));
-                if let Some(object) = nearest.filter(|o| off_m(o) <= GRASP_M) {
-                    object.held = true;
-                }
+        let base_from_tip = self.plant.truth().base_from_tip();
+        let tip_m = base_from_tip.translation.vector;
+        let [before_m, earlier_m] = self.tip_before_m;
+        self.tip_before_m = [tip_m, before_m];
+        if self.gripper == Gripper::Open && gripper == Gripper::Closed {
+            self.grasp = Grasp::close(&self.objects, &base_from_tip);
+            if let Some(grasp) = &self.grasp {
+                self.objects[grasp.object].held = true;
+                // How it came here is nothing to the object.
+                self.tip_before_m = [tip_m; 2];
             }
-            (Gripper::Closed, Gripper::Open) => {
-                for object in self.objects.iter_mut().filter(|o| o.held) {
-                    object.held = false;
-                    object.grasp_m = tip_m.into();
-                }
+        } else if let Some(grasp) = self.grasp {
+            let accel_m_s2 = (tip_m - before_m * 2.0 + earlier_m) / PHYSICS_STEP_S.powi(2);
+            let object = &mut self.objects[grasp.object];
+            if gripper == Gripper::Open || !grasp.keeps(object, &base_from_tip, accel_m_s2) {
+                object.held = false;
+                object.grasp_m = tip_m.into();
+                self.grasp = None;
             }
-            _ => {}
         }
         self.gripper = gripper;
         let held = self.objects.iter().filter(|o| o.held);

@@ -183,7 +183,7 @@ fn the_gripper_takes_what_is_in_its_reach_and_leaves_the_rest() {
         mass_kg: 0.2,
         held: false,
     };
-    for (off_m, held) in [(8e-3, true), (12e-3, false)] {
+    for (off_m, held) in [(8e-3, true), (20e-3, false)] {
         let options = RigOptions {
             objects: vec![object(off_m)],
             ..RigOptions::default()

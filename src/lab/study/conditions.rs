@@ -70,9 +70,9 @@ const BLOWS: [(&str, Push); 3] = [
     ("30 N for 0.1 s in motion", Push::Shocks(30.0)),
     (RINGING, Push::Ringing(30.0)),
 ];
-const RINGING: &str = "first second after 30 N for 0.1 s at rest";
+pub(super) const RINGING: &str = "first second after 30 N for 0.1 s at rest";
 /// The paper's error while the arm vibrates (its y, section VI-A), mm.
-const PAPER_RINGING_MM: f64 = 1.47;
+pub(super) const PAPER_RINGING_MM: f64 = 1.47;
 
 /// The columns of every table here, after the mean errors.
 const MORE: [&str; 15] = [

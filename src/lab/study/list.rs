@@ -14,6 +14,7 @@ pub static STUDIES: [Study; 27] = [
     conditions::LOADS,
     conditions::SPEEDS,
     conditions::LATERAL,
+    conditions::SHOCKS,
     control::CIRCLE,
     control::EIGHT,
     control::MOVES,
@@ -25,7 +26,6 @@ pub static STUDIES: [Study; 27] = [
     control::NULL_SPACE,
     control::DISTURBANCES,
     control::OUTAGES,
-    conditions::SHOCKS,
     samples::N_SIM,
     samples::N_REAL,
     faults::FAULTS,
@@ -36,5 +36,5 @@ pub static STUDIES: [Study; 27] = [
 
 /// Those of the paper's page.
 pub(super) fn of_paper() -> &'static [Study] {
-    &STUDIES[..13]
+    &STUDIES[..14]
 }

@@ -74,13 +74,13 @@ pub fn train_s2r(
         let mut rng = Pcg64Mcg::seed_from_u64(recipe.seed ^ (0x52 + at as u64));
         let sizes = sizes(inputs, &recipe.s2r, 3);
         let mut net = Mlp::random(sizes, input.clone(), output, &mut rng);
-        let mut fill = fill_from(&train, inputs, 3);
+        let fill = fill_from(&train, inputs, 3);
         let run = Run { stage, member: 0 };
         let n = parts.train.len();
         best_epochs.push(fit(
             &mut net,
             n,
-            &mut fill,
+            &fill,
             &validation,
             &recipe.s2r,
             &mut rng,

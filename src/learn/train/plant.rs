@@ -62,7 +62,7 @@ pub fn train_plant(
     let mut rng = Pcg64Mcg::seed_from_u64(recipe.seed ^ 0x91);
     let sizes = sizes(CHAMBERS + 1, &recipe.plant, SIGNALS);
     let mut net = Mlp::random(sizes, x.clone(), y.clone(), &mut rng);
-    let mut fill = fill_from(&train, CHAMBERS + 1, SIGNALS);
+    let fill = fill_from(&train, CHAMBERS + 1, SIGNALS);
     let run = Run {
         stage: Stage::Plant,
         member: 0,
@@ -71,7 +71,7 @@ pub fn train_plant(
     let best_epoch = fit(
         &mut net,
         n,
-        &mut fill,
+        &fill,
         &validation,
         &recipe.plant,
         &mut rng,

@@ -49,14 +49,13 @@ pub fn train_smap(
 
     let member = |member: usize, watch: Watch| {
         let mut rng = Pcg64Mcg::seed_from_u64(recipe.seed.wrapping_add(member as u64));
-        let mut noise_rng = Pcg64Mcg::seed_from_u64(recipe.seed.wrapping_add(member as u64) ^ 0x4e);
         let sizes = sizes(SIGNALS, &recipe.smap, 6);
         let mut net = Mlp::random(sizes, input.clone(), output.clone(), &mut rng);
-        let mut fill = |batch: &[usize], x: &mut Vec<f32>, y: &mut Vec<f32>| {
+        let fill = |batch: &[usize], rng: &mut Pcg64Mcg, x: &mut Vec<f32>, y: &mut Vec<f32>| {
             let mut s = [0.0; SIGNALS];
             for i in batch {
                 s.copy_from_slice(&signals[i * SIGNALS..(i + 1) * SIGNALS]);
-                add_noise(&mut s, &recipe.noise, &mut noise_rng);
+                add_noise(&mut s, &recipe.noise, rng);
                 input.scale_into(&s, x);
                 y.extend_from_slice(&targets[i * 6..(i + 1) * 6]);
             }
@@ -68,7 +67,7 @@ pub fn train_smap(
         let best_epoch = fit(
             &mut net,
             parts.train.len(),
-            &mut fill,
+            &fill,
             &validation,
             &recipe.smap,
             &mut rng,

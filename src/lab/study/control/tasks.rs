@@ -483,7 +483,8 @@ fn pick_place(found: Vec<Found>) -> Table {
         Drawn::Bars,
     );
     t.notes = vec![format!(
-        "The gripper grasps what is within 10 mm; a basket of 40 mm. {KNOWN} Error: true tip from where it should \
+        "The gripper has three fingers that hold by friction: fruit that is not in the 110 mm between them, is too far below them or \
+             is shaken off is not carried; a basket of 40 mm. {KNOWN} Error: true tip from where it should \
              be when the gripper moves. The paper shows its fruit in the basket and gives no figures."
     )];
     t.take(found);
