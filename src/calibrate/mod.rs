@@ -24,7 +24,7 @@ pub use bench::{BenchRequest, PracticeBench};
 pub use findings::{Finding, Verdict, findings};
 pub use headless::Headless;
 pub use steps::{Mark, Step};
-pub use store::{Store, sentence};
+pub use store::{Store, VersionFiles, sentence};
 pub use validation::{Comparison, Judgement, MOVED_M, Outcome, Question};
 pub use versions::{Kept, NewVersion, Version, changes, same};
 pub use wizard::{Asked, DRAFT, Refusal, TRIAL_MIN_S, TRIAL_S, Wizard};

@@ -1,7 +1,8 @@
 //! Saved calibrations: versions of one robot in a folder of the user's data.
 //!
 //! A folder holds `calibration-<n>.toml` (what `--calibration` takes), `registration-<n>.toml` where motion capture
-//! was registered (what `--registration` takes), and `versions.toml`, which lists them, names the active one and is
+//! was registered (what `--registration` takes), `networks-<n>.safetensors` where networks were learned with it (what
+//! `--networks` takes), and `versions.toml`, which lists them, names the active one and is
 //! written last: a version that it does not list does not exist.
 
 use std::path::{Path, PathBuf};
@@ -11,8 +12,8 @@ use anyhow::{Context as _, Result};
 use serde::{Deserialize, Serialize};
 
 use super::versions::{Kept, NewVersion, Version};
-use crate::drive::read_toml;
-use crate::recording::{wait_for_lock, write_text};
+use crate::drive::{Instruments, model, read_toml};
+use crate::recording::{wait_for_lock, write_bytes, write_text};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::registration::Registration;
@@ -66,6 +67,17 @@ struct Entry {
     note: String,
 }
 
+/// Files of a version.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VersionFiles {
+    /// What `--calibration` takes.
+    pub calibration: PathBuf,
+    /// What `--registration` takes, where motion capture was registered.
+    pub registration: Option<PathBuf>,
+    /// What `--networks` takes, where networks were learned with it.
+    pub networks: Option<PathBuf>,
+}
+
 /// Saved calibrations of one robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Store {
@@ -102,6 +114,10 @@ impl Store {
 
     fn path(&self, kind: &str, number: u32) -> PathBuf {
         self.folder.join(format!("{kind}-{number}.toml"))
+    }
+
+    fn networks_path(&self, number: u32) -> PathBuf {
+        self.folder.join(format!("networks-{number}.safetensors"))
     }
 
     fn index(&self) -> Result<Index> {
@@ -142,9 +158,12 @@ impl Store {
     }
 
     fn kept(&self, number: u32) -> Result<Kept> {
+        let networks = self.networks_path(number);
+        let networks = networks.exists().then(|| model::model(Some(&networks)));
         Ok(Kept {
             calibration: Arc::new(self.calibration(number)?),
             registration: self.registration(number)?,
+            networks: networks.transpose()?.map(|m| m.hash),
         })
     }
 
@@ -164,11 +183,11 @@ impl Store {
         Ok(index.version.iter().rev().map(version).collect())
     }
 
-    /// Files of the active version, calibration and registration, if there is one.
+    /// Files of the active version, if there is one.
     ///
     /// # Errors
     /// When the list or the files cannot be read.
-    pub fn active(&self) -> Result<Option<(PathBuf, Option<PathBuf>)>> {
+    pub fn active(&self) -> Result<Option<VersionFiles>> {
         let index = self.index()?;
         if !index.version.iter().any(|e| e.number == index.active) {
             return Ok(None);
@@ -186,7 +205,7 @@ impl Store {
     }
 
     /// Files of the newest version that can be read, if there is one.
-    pub fn last_good(&self) -> Option<(PathBuf, Option<PathBuf>)> {
+    pub fn last_good(&self) -> Option<VersionFiles> {
         let index = self.index().ok()?;
         let mut numbers = index.version.iter().rev().map(|e| e.number);
         let good = numbers.find(|n| self.kept(*n).is_ok())?;
@@ -195,7 +214,7 @@ impl Store {
 
     /// Files to start with: those of the active version; where they cannot be read, those of the newest version that
     /// can, and the reason.
-    pub fn usable(&self) -> (Option<(PathBuf, Option<PathBuf>)>, Option<String>) {
+    fn usable(&self) -> (Option<VersionFiles>, Option<String>) {
         let e = match self.active() {
             Ok(active) => return (active, None),
             Err(e) => e,
@@ -203,7 +222,7 @@ impl Store {
         let good = self.last_good();
         let instead = good.as_ref().map_or_else(
             || "no saved calibration is used".to_owned(),
-            |(path, _)| format!("{} is used instead", path.display()),
+            |files| format!("{} is used instead", files.calibration.display()),
         );
         log::warn!(
             "the active calibration cannot be read, {instead}; save a new one, or choose one on the Calibrate screen: \
@@ -213,11 +232,34 @@ impl Store {
         (good, Some(why))
     }
 
-    /// Paths of a version's calibration and of its registration, if there is one.
-    pub fn files(&self, number: u32) -> (PathBuf, Option<PathBuf>) {
-        let registration = self.path("registration", number);
-        let calibration = self.path("calibration", number);
-        (calibration, registration.exists().then_some(registration))
+    /// Files of a version.
+    pub fn files(&self, number: u32) -> VersionFiles {
+        let if_there = |path: PathBuf| path.exists().then_some(path);
+        VersionFiles {
+            calibration: self.path("calibration", number),
+            registration: if_there(self.path("registration", number)),
+            networks: if_there(self.networks_path(number)),
+        }
+    }
+
+    /// The instruments that were `named`; without a calibration among them, with that of the active version and what was saved
+    /// with it. And why the active version is not used, if so.
+    pub fn complete(&self, named: Instruments, is_virtual: bool) -> (Instruments, Option<String>) {
+        let mut out = named;
+        if out.calibration.is_some() {
+            return (out, None);
+        }
+        let (saved, trouble) = self.usable();
+        if let Some(saved) = saved {
+            log::info!("calibration: {}", saved.calibration.display());
+            out.calibration = Some(saved.calibration);
+            out.networks = out.networks.or(saved.networks);
+            // The virtual rig's motion capture is in its base already.
+            if !is_virtual && out.registration.is_none() {
+                out.registration = saved.registration;
+            }
+        }
+        (out, trouble)
     }
 
     /// Locks the folder against changes by other processes until the result is dropped.
@@ -254,9 +296,12 @@ impl Store {
                 };
                 write_text(&registration, &dated.to_toml()?)?;
             }
-            // Left by a version whose saving was interrupted before the list was written.
-            None if registration.exists() => std::fs::remove_file(&registration)?,
-            None => {}
+            None => remove_left(&registration)?,
+        }
+        let networks = self.networks_path(number);
+        match new.networks {
+            Some(bytes) => write_bytes(&networks, &bytes)?,
+            None => remove_left(&networks)?,
         }
         index.active = number;
         index.version.push(Entry {
@@ -287,6 +332,14 @@ impl Store {
     }
 }
 
+/// Removes what was left by a version whose saving was interrupted before the list was written.
+fn remove_left(path: &Path) -> Result<()> {
+    match path.exists() {
+        true => std::fs::remove_file(path).with_context(|| path.display().to_string()),
+        false => Ok(()),
+    }
+}
+
 /// An error with its causes as one sentence with a full stop.
 pub fn sentence(e: anyhow::Error) -> String {
     format!("{e:#}.")
@@ -304,6 +357,7 @@ mod tests {
                 ..Calibration::virtual_rig()
             },
             registration: None,
+            networks: None,
         }
     }
 
@@ -448,9 +502,47 @@ mod tests {
         );
         assert_eq!(kept(&list[0]).calibration.date, "2026-03-02");
         store.activate(1).expect("rolls back");
-        let (path, registration) = store.active().expect("reads").expect("is there");
-        assert!(path.ends_with("calibration-1.toml") && registration.is_none());
+        let files = store.active().expect("reads").expect("is there");
+        assert!(files.calibration.ends_with("calibration-1.toml") && files.registration.is_none());
         assert!(store.activate(9).is_err());
+        std::fs::remove_dir_all(store.folder).expect("cleans up");
+    }
+
+    #[test]
+    fn networks_go_with_the_version_that_they_were_learned_with() {
+        let store = store("networks");
+        store.save(version("bench"), "2026-03-01").expect("saves");
+        let networks = include_bytes!("../../assets/networks/reference.safetensors");
+        let learned = NewVersion {
+            networks: Some(networks.to_vec()),
+            ..version("learned")
+        };
+        store.save(learned, "2026-03-02").expect("saves");
+        let list = store.versions().expect("lists");
+        let hash = kept(&list[0]).networks.clone();
+        assert_eq!(hash, Some(model::model(None).expect("shipped").hash));
+        assert_eq!(kept(&list[1]).networks, None);
+        let networks_of = |named: Instruments| store.complete(named, true).0.networks;
+        let file = store.files(2).networks.expect("is there");
+        assert_eq!(networks_of(Instruments::default()), Some(file.clone()));
+        // What was named goes before it, and a calibration that was named has none.
+        let other = Some(PathBuf::from("other.safetensors"));
+        let named = Instruments {
+            networks: other.clone(),
+            ..Instruments::default()
+        };
+        assert_eq!(networks_of(named), other);
+        let named = Instruments {
+            calibration: Some("bench.toml".into()),
+            ..Instruments::default()
+        };
+        assert_eq!(networks_of(named), None);
+        store.activate(1).expect("goes back");
+        assert_eq!(networks_of(Instruments::default()), None);
+        // Damaged ones are not used.
+        std::fs::write(&file, "no networks").expect("writes");
+        let e = format!("{:#}", store.activate(2).expect_err("damaged"));
+        assert!(e.contains("networks-2.safetensors"), "{e}");
         std::fs::remove_dir_all(store.folder).expect("cleans up");
     }
 }

@@ -29,6 +29,8 @@ pub struct Kept {
     pub calibration: Arc<Calibration>,
     /// The registration of motion capture saved with it, if there is one.
     pub registration: Option<Registration>,
+    /// SHA-256 of the networks that were learned with it, if there are any.
+    pub networks: Option<String>,
 }
 
 /// A version to save; the date is set when it is saved.
@@ -40,6 +42,8 @@ pub struct NewVersion {
     pub calibration: Calibration,
     /// The registration of motion capture, if there is one.
     pub registration: Option<Registration>,
+    /// Networks that were learned with this calibration: content of their file.
+    pub networks: Option<Vec<u8>>,
 }
 
 /// Whether two calibrations read alike, whatever their names.

@@ -562,6 +562,8 @@ impl Wizard {
                 Some(_) => self.mocap.registration(in_use, "end_pad"),
                 None => kept.or(in_use).cloned(),
             },
+            // What was learned belongs to the calibration before.
+            networks: None,
         }
     }
 }

@@ -6,6 +6,7 @@
 //! The binary's only module: arguments, words and exit codes. What is done is in the library. The commands are listed in
 //! [`program`]; a new one is a file with its arguments and an entry in that list.
 
+mod alarms;
 mod args;
 mod calibrate;
 mod dataset;
@@ -22,6 +23,7 @@ mod gap_run;
 mod gap_watch;
 mod import;
 mod imu;
+mod learn;
 mod live;
 mod logging;
 mod outputs;

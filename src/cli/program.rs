@@ -9,9 +9,9 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use super::drive::commands as drive;
 use super::{
-    Failed, Report, calibrate, dataset, doctor, estimate, files, gap, import, imu, live,
-    load_robot, logging, recordings, reference, rig, robot, sentence, simulate, soak, stdio, study,
-    train,
+    Failed, Report, alarms, calibrate, dataset, doctor, estimate, files, gap, import, imu, learn,
+    live, load_robot, logging, recordings, reference, rig, robot, sentence, simulate, soak, stdio,
+    study, train,
 };
 #[cfg(feature = "gui")]
 use super::{args, window};
@@ -68,6 +68,9 @@ commands! { c:
     /// Find the effect that the model misses, patch it, prove it
     #[command(subcommand)]
     Gap(a: gap::GapCommand) => gap::run(a, c.robot, c.robot_file),
+    /// Let the networks learn one arm: excite it under motion capture, train its sim-to-real networks, use them where they are
+    /// better
+    Learn(a: learn::LearnArgs) => learn::run(a, c.robot_file, c.robot),
     /// Train the networks
     Train(a: train::TrainArgs) => train::run(a, c.json),
     /// The paper's tables on sensing and control, made again on the virtual rig
@@ -117,6 +120,8 @@ commands! { c:
     Robot(a: robot::RobotCommand) => robot::run(a),
     /// The serial ports there are, and those that come and go
     Ports(a: files::PortsArgs) => files::ports_command(a, c.json),
+    /// When each alarm comes, what follows, what to check
+    Alarms(a: alarms::AlarmsArgs) => alarms::run(a),
     /// Check adapter, ports, motion capture, viewer, files and disk, and what to do about each
     Doctor(a: doctor::DoctorArgs) => doctor::run(a, c.robot),
     /// The virtual rig on a pseudo-terminal, speaking the wire protocol (prints the port); or a

@@ -46,7 +46,7 @@ pub struct TrainArgs {
 const RECIPE: &str = include_str!("../../assets/networks/recipe.toml");
 
 /// The file that `train` writes.
-const NETWORKS: &str = "reference.safetensors";
+pub const NETWORKS: &str = "reference.safetensors";
 
 /// `train`.
 pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {

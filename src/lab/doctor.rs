@@ -137,11 +137,20 @@ fn loads(of: &str, versions: &[Version], without: &str) -> (bool, String) {
     }
     let active = versions.iter().find(|v| v.active);
     let text = match active {
-        Some(v) => format!(
-            "{of}: {} load, version {} is in use",
-            versions.len(),
-            v.number
-        ),
+        Some(v) => {
+            let networks = v.kept.as_ref().ok().and_then(|k| k.networks.as_deref());
+            let with = networks.map_or_else(String::new, |hash| {
+                format!(
+                    ", with networks of its own ({})",
+                    hash.get(..8).unwrap_or(hash)
+                )
+            });
+            format!(
+                "{of}: {} load, version {} is in use{with}",
+                versions.len(),
+                v.number
+            )
+        }
         None => format!("{of}: none is saved; {without}"),
     };
     (true, text)
@@ -178,6 +187,7 @@ mod tests {
             note: String::new(),
             calibration: Calibration::virtual_rig(),
             registration: None,
+            networks: None,
         };
         store.save(new, "2026-03-01").expect("saves");
         let hardware = || {
@@ -190,8 +200,7 @@ mod tests {
             check.ok && check.says.contains("version 1 is in use"),
             "{check:?}"
         );
-        let (path, _) = store.files(1);
-        std::fs::write(path, "name = 3").expect("writes");
+        std::fs::write(store.files(1).calibration, "name = 3").expect("writes");
         let check = hardware();
         std::fs::remove_dir_all(&data).expect("removed");
         assert!(

@@ -138,8 +138,8 @@ fn errors(errors_mm: &[f64], label: &str) -> Chart {
 }
 
 /// Every tick: time, true and estimated tip, where it shall be, pressures, signals and references.
-fn csv(rows: &[Row]) -> String {
-    let start = start_s(rows);
+/// Names of the columns, with commas between.
+pub fn columns() -> String {
     let mut out = String::from(
         "t_s,leg,waypoint,true_x_mm,true_y_mm,true_z_mm,est_x_mm,est_y_mm,est_z_mm,goal_x_mm,goal_y_mm,goal_z_mm",
     );
@@ -149,7 +149,12 @@ fn csv(rows: &[Row]) -> String {
     for i in 1..=SPRINGS {
         let _ = write!(out, ",spring_{i}_mm,spring_ref_{i}_mm");
     }
-    out.push_str(",solve_us\n");
+    out + ",solve_us"
+}
+
+fn csv(rows: &[Row]) -> String {
+    let start = start_s(rows);
+    let mut out = columns() + "\n";
     let number =
         |v: Option<f64>, digits: usize| v.map_or(String::new(), |v| format!("{v:.digits$}"));
     for r in rows {

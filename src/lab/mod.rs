@@ -38,6 +38,7 @@ pub mod gap_bench;
 pub mod gap_files;
 pub mod import;
 pub mod import_log;
+pub mod learning;
 pub mod motions;
 pub mod multibody;
 pub mod patches;

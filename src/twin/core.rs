@@ -5,6 +5,7 @@ mod arming;
 mod check_gauges;
 mod contact;
 mod delays;
+mod explain_alarms;
 mod hold;
 mod orders;
 mod plans;
@@ -17,4 +18,5 @@ mod watch_contact;
 mod watch_pumps;
 
 pub use arming::RESUME_OFF_S;
+pub use explain_alarms::{AlarmHelp, example_alarms, explain_alarm};
 pub use state::Twin;

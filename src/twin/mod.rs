@@ -24,7 +24,7 @@ mod view;
 mod watch;
 
 pub use command::{Command, Event, Handle, Pictures};
-pub use core::{RESUME_OFF_S, Twin};
+pub use core::{AlarmHelp, RESUME_OFF_S, Twin, example_alarms, explain_alarm};
 pub use in_process::{FarEnd, Heard, InProcess};
 pub use loops::{Pace, run_in_lockstep, run_in_real_time, run_in_simulated_time};
 pub use maps::{Maps, Patched, Reading, sensing_for};

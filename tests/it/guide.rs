@@ -1,6 +1,7 @@
 //! The pages that are made by the program are as it makes them; links of the guide lead somewhere; the citation
 //! names this version.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::program::{json, refusal, scratch, springtwin};
@@ -35,6 +36,94 @@ fn the_page_of_commands_is_made_by_the_program() {
 #[test]
 fn the_page_of_a_robot_files_keys_is_their_table() {
     check("robot-keys.md", &["robot", "keys", "--markdown"]);
+}
+
+#[test]
+fn the_page_of_alarms_is_their_table() {
+    check("alarms.md", &["alarms", "--markdown"]);
+    let one = springtwin(&["alarms", "data-old"]);
+    let text = String::from_utf8(one.stdout).expect("UTF-8");
+    assert!(
+        text.contains("older than 30 ms; critical from 100 ms on"),
+        "{text}"
+    );
+    let (code, text) = refusal(&["alarms", "flood"]);
+    assert!(
+        code == 1 && text.contains("no alarm 'flood'"),
+        "{code} {text}"
+    );
+}
+
+/// A column without its numbers: `spring3_mm` and `spring12_mm` are one.
+fn kind(column: &str) -> String {
+    let mut out = String::new();
+    for c in column.chars() {
+        match c.is_ascii_digit() {
+            true if out.ends_with('#') => {}
+            true => out.push('#'),
+            false => out.push(c),
+        }
+    }
+    out
+}
+
+/// The columns in the first cells of a section's table.
+fn columns_of(page: &str, section: &str) -> BTreeSet<String> {
+    let rest = page.split(&format!("## {section}\n")).nth(1);
+    let rest = rest.unwrap_or_else(|| panic!("there is no section {section}"));
+    let part = rest.split("\n## ").next().unwrap_or_default();
+    let cells = part
+        .lines()
+        .filter_map(|l| l.strip_prefix("| ")?.split(" |").next());
+    let code = cells.flat_map(|cell| cell.split('`').skip(1).step_by(2));
+    code.map(kind).collect()
+}
+
+#[test]
+fn the_page_of_files_has_every_column() {
+    let page = read(&root().join("assets/guide/formats.md"));
+    let dir = scratch("columns");
+    let out = dir.join("session");
+    let session = ["rig", "session", "--seconds", "1", "--json", "--out"];
+    json(&[&session[..], &[out.to_str().expect("UTF-8")]].concat());
+    let log = read(&out.join("log.csv"));
+    let of_line = |line: &str| -> BTreeSet<String> { line.split(',').map(kind).collect() };
+    let mut session = of_line(log.lines().next().expect("a header"));
+    // Written where it changes.
+    session.insert("payload_kg".to_owned());
+    assert_eq!(columns_of(&page, "Session log"), session);
+    let dataset = springtwin::recording::dataset_columns().join(",");
+    assert_eq!(columns_of(&page, "Dataset"), of_line(&dataset));
+    let ticks = springtwin::lab::drive_log::columns();
+    assert_eq!(columns_of(&page, "Tick log"), of_line(&ticks));
+}
+
+/// Names in a text that begin with `SPRINGTWIN_`.
+fn variables(text: &str) -> BTreeSet<String> {
+    let named = text.split("SPRINGTWIN_").skip(1).filter_map(|rest| {
+        let end = rest.find(|c: char| !c.is_ascii_uppercase() && c != '_');
+        let name = &rest[..end.unwrap_or(rest.len())];
+        (!name.is_empty()).then(|| format!("SPRINGTWIN_{name}"))
+    });
+    named.collect()
+}
+
+#[test]
+fn every_variable_is_on_the_page_of_the_environment() {
+    let mut used = variables(&read(&root().join("test")));
+    let mut folders = ["src", "tests", "benches"].map(|f| root().join(f)).to_vec();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            match path.extension() {
+                _ if path.is_dir() => folders.push(path),
+                Some(e) if e == "rs" || e == "py" => used.extend(variables(&read(&path))),
+                _ => {}
+            }
+        }
+    }
+    let page = variables(&read(&root().join("assets/guide/environment.md")));
+    assert_eq!(page, used);
 }
 
 #[test]

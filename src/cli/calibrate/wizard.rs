@@ -162,17 +162,11 @@ fn store(a: &WizardArgs, robot: &RobotSpec, simulated: bool) -> Result<Option<St
 
 /// The instruments that were named; without a calibration, that of the active version.
 fn instruments(a: &WizardArgs, store: Option<&Store>, simulated: bool) -> Instruments {
-    let mut out = a.instruments.plain();
-    if out.calibration.is_none()
-        && let Some((calibration, registration)) = store.and_then(|s| s.usable().0)
-    {
-        out.calibration = Some(calibration);
-        // The virtual rig's motion capture is in its base already.
-        if !simulated && out.registration.is_none() {
-            out.registration = registration;
-        }
+    let named = a.instruments.plain();
+    match store {
+        Some(store) => store.complete(named, simulated).0,
+        None => named,
     }
-    out
 }
 
 /// Draws springs or reads their log, compares calibrations, and asks whether a step is repeated.
@@ -224,15 +218,15 @@ fn report(
     let mut text = String::new();
     let mut version = Value::Null;
     if let Some((store, number)) = saved {
-        let (calibration, registration) = store.files(*number);
-        text = format!("Saved as version {number}: {}", calibration.display());
-        if let Some(registration) = &registration {
+        let files = store.files(*number);
+        text = format!("Saved as version {number}: {}", files.calibration.display());
+        if let Some(registration) = &files.registration {
             text += &format!(", {}", registration.display());
         }
         version = json!({
             "version": number,
-            "calibration": calibration,
-            "registration": registration,
+            "calibration": files.calibration,
+            "registration": files.registration,
         });
     } else if passed.is_ok() && dry_run {
         text = "All steps passed; nothing was saved (--dry-run)".to_owned();

@@ -1,3 +1,4 @@
 //! Commands that carry out a plan.
 
 pub mod commands;
+pub mod rounds;

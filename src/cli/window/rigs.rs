@@ -82,21 +82,24 @@ pub struct Rigs {
 }
 
 impl Rigs {
-    /// The networks for a twin on `rig`: those of the rig that was named where both are virtual, or neither.
-    fn maps(&self, rig: &str) -> Result<Maps> {
-        match is_virtual(rig) == is_virtual(&self.rig) {
-            true => Ok(self.maps.clone()),
-            false => model::maps_for(&self.robot, rig, None),
+    /// The networks for a twin on `rig`: those of its instruments, else those of the rig that was named where both are virtual,
+    /// or neither.
+    fn maps(&self, rig: &str, instruments: &Instruments) -> Result<Maps> {
+        let of_named = is_virtual(rig) == is_virtual(&self.rig);
+        match &instruments.networks {
+            saved if of_named && *saved == self.instruments.networks => Ok(self.maps.clone()),
+            saved => model::maps_for(&self.robot, rig, saved.as_deref()),
         }
     }
 
     /// A twin on `rig`. Nothing moves.
     pub fn driver(&self, rig: &str) -> Result<Driver> {
         let (_, instruments, trouble) = self.with_active(rig);
+        let maps = self.maps(rig, &instruments)?;
         let mut driver = TwinBuilder::new(&self.robot)
             .robot_file(self.robot_file.as_deref())
             .rig(rig, self.options.clone())
-            .maps(self.maps(rig)?)
+            .maps(maps)
             .gains(self.kind.gains())
             .instruments(instruments)
             .rolling(self.rolling(), RollingOf::EveryArm)
@@ -151,19 +154,10 @@ impl Rigs {
                 other
             }
         };
-        let mut out = named.clone();
-        if named.calibration.is_some() {
-            return (store, out, None);
-        }
-        let (saved, trouble) = store.as_ref().map_or((None, None), Store::usable);
-        if let Some((calibration, registration)) = saved {
-            log::info!("calibration: {}", calibration.display());
-            out.calibration = Some(calibration);
-            // The virtual rig's motion capture is in its base already.
-            if !is_virtual && out.registration.is_none() {
-                out.registration = registration;
-            }
-        }
+        let (out, trouble) = match &store {
+            Some(store) => store.complete(named, is_virtual),
+            None => (named, None),
+        };
         (store, out, trouble)
     }
 
@@ -173,7 +167,7 @@ impl Rigs {
         let registration = instruments.registration()?;
         let setting = Setting {
             robot: self.robot.clone(),
-            maps: self.maps(rig)?,
+            maps: self.maps(rig, &instruments)?,
             in_use: model::calibration(instruments.calibration.as_deref())?,
             registration: registration.clone(),
             store,
@@ -272,6 +266,7 @@ mod tests {
                 ..Calibration::virtual_rig()
             },
             registration: None,
+            networks: None,
         };
         store.save(saved("first"), "2026-03-01").expect("saves");
         store.save(saved("second"), "2026-03-02").expect("saves");
@@ -291,11 +286,11 @@ mod tests {
         };
         let in_use = |rigs: &Rigs| rigs.belongings("sim").expect("starts").0.in_use.name;
         assert_eq!(in_use(&rigs), "second");
-        let (path, _) = store.active().expect("reads").expect("is there");
-        std::fs::write(path, "name = 3").expect("writes");
+        let files = store.active().expect("reads").expect("is there");
+        std::fs::write(files.calibration, "name = 3").expect("writes");
         assert_eq!(in_use(&rigs), "first");
-        let (path, _) = store.last_good().expect("the first one");
-        std::fs::write(path, "").expect("writes");
+        let files = store.last_good().expect("the first one");
+        std::fs::write(files.calibration, "").expect("writes");
         assert_eq!(store.last_good(), None);
         assert_eq!(in_use(&rigs), Calibration::virtual_rig().name);
         rigs.data = None;
@@ -313,10 +308,11 @@ mod tests {
             note: String::new(),
             calibration: Calibration::virtual_rig(),
             registration: None,
+            networks: None,
         };
         store.save(new, "2026-03-01").expect("saves");
-        let (path, _) = store.active().expect("reads").expect("is there");
-        let list = path.with_file_name("versions.toml");
+        let files = store.active().expect("reads").expect("is there");
+        let list = files.calibration.with_file_name("versions.toml");
         std::fs::write(&list, "format = 9\n").expect("writes");
         let mut rigs = Rigs {
             rig: "/dev/ttyUSB0".into(),
@@ -370,7 +366,7 @@ mod tests {
         // Hardware is not read by the networks of the virtual rig's unit.
         let at_rest = SensorRef::from_fn(|i, _| if i < SPRINGS { 0.15 } else { 0.0 });
         let pose = |rig: &str| {
-            rigs.maps(rig)
+            rigs.maps(rig, &Instruments::default())
                 .expect("the networks")
                 .pose
                 .pose(&at_rest)

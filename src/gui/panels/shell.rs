@@ -15,7 +15,7 @@ use crate::gui::screens::ScreenId;
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::{Gate, STALE_OPACITY, View};
 use crate::signal::{CHAMBERS, IMUS, Mode, SPRINGS, Severity, Snapshot};
-use crate::twin::{Command, RESUME_OFF_S};
+use crate::twin::{Command, RESUME_OFF_S, explain_alarm};
 pub use banners::{LINE, banners, disconnected};
 pub use keys::{KeyAction, keys, shortcuts};
 
@@ -282,6 +282,9 @@ fn alarms(ui: &mut Ui, s: &Snapshot) {
                 let since = s.stamp.since(alarm.since);
                 let text = format!("{} (for {})", alarm.text(), minutes(since));
                 status(ui, severity_level(alarm.severity), &text);
+                let help = explain_alarm(&alarm.cause);
+                note(ui, format!("{} {}", help.follows, help.check))
+                    .on_hover_text(format!("{} More: springtwin alarms {}", help.when, help.id));
             }
         });
 }

@@ -73,6 +73,7 @@ fn put(shelf: &Shelf, new: NewVersion) -> Vec<Version> {
             kept: Ok(Kept {
                 calibration: Arc::new(new.calibration),
                 registration: new.registration,
+                networks: new.networks.map(|_| "0a".repeat(32)),
             }),
         },
     );
@@ -400,6 +401,7 @@ fn a_version_is_rolled_back_and_the_twin_reads_by_it() {
                 note: format!("{name}: springs 12/12"),
                 calibration,
                 registration: None,
+                networks: None,
             },
         );
     }

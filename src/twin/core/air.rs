@@ -28,15 +28,15 @@ const SHARE: f64 = 1.0 / 3.0;
 /// The amount of gas is compared with that of this long ago, s.
 const OVER_S: f64 = 1.0;
 /// Short of air for so long: a warning, and SAFE, s.
-const WARN_S: f64 = 2.0;
-const SAFE_S: f64 = 10.0;
+pub(super) const WARN_S: f64 = 2.0;
+pub(super) const SAFE_S: f64 = 10.0;
 /// A chamber that is off by more than this, and does not move towards its set pressure at this rate, is adrift, Pa
 /// and Pa/s.
-const ADRIFT_PA: f64 = 5e3;
+pub(super) const ADRIFT_PA: f64 = 5e3;
 const APPROACH_PA_S: f64 = 1e3;
 /// Its approach is seen over so long, and being adrift for so long leads to SAFE, s.
 const APPROACH_OVER_S: f64 = 0.3;
-const ADRIFT_S: f64 = 0.3;
+pub(super) const ADRIFT_S: f64 = 0.3;
 /// A chamber that is well makes up for so many seconds of shortage per second.
 const FORGIVEN: f64 = 2.0;
 

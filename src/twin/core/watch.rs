@@ -20,9 +20,9 @@ const REMEDY_RIG: &str = "Close other programs, or choose the virtual rig that r
 /// More than this of a second makes a busy computer the cause of what was lost in it, s.
 const BUSY_S: f64 = 0.1;
 /// More than this share of the last second's frames lost puts the twin into SAFE.
-const LOSS_SAFE: f64 = 0.1;
+pub(super) const LOSS_SAFE: f64 = 0.1;
 /// A tick without admissible rates is alarmed for so long, s.
-const UNSOLVED_S: f64 = 2.0;
+pub(super) const UNSOLVED_S: f64 = 2.0;
 /// The boards get this long to act on a reset, s.
 const RESET_ACTS_S: f64 = 0.5;
 /// Frames within that second below which a share means little.

@@ -147,10 +147,13 @@ impl CalibrateState {
                     match active.map(|v| (v.number, v.kept.as_ref())) {
                         Some((n, Ok(kept))) => {
                             let name = &kept.calibration.name;
-                            let what = match change {
+                            let mut what = match change {
                                 Change::Save => format!("Saved as version {n}, “{name}”"),
                                 Change::RollBack => format!("Rolled back to version {n}, “{name}”"),
                             };
+                            if networks_of_active(self.versions.as_ref()) != kept.networks {
+                                what += " (other networks, from the next connection on)";
+                            }
                             let mode = &view.snapshot.mode;
                             let calibration = kept.calibration.clone();
                             commands.extend(wizard.settle_on(calibration, what, mode));
@@ -164,6 +167,13 @@ impl CalibrateState {
             }
         }
     }
+}
+
+/// The networks that were learned with the active version, if any were.
+fn networks_of_active(versions: Option<&Result<Vec<Version>, String>>) -> Option<String> {
+    let list = versions?.as_ref().ok()?;
+    let active = list.iter().find(|v| v.active)?;
+    active.kept.as_ref().ok()?.networks.clone()
 }
 
 /// Whether live frames can be captured, or why not.

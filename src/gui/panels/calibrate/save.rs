@@ -2,7 +2,7 @@
 
 use egui::{Button, RichText, TextEdit, Ui, vec2};
 
-use super::{CalibrateState, Change};
+use super::{CalibrateState, Change, networks_of_active};
 use crate::calibrate::{Kept, Mark, Step, Version, Wizard, changes, same};
 use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{Gate, gated, heading, note, status};
@@ -54,6 +54,12 @@ fn new_version(
             "● Motion capture: registered from {} poses; {when}",
             fit.used()
         ));
+    }
+    if networks_of_active(state.versions.as_ref()).is_some() {
+        ui.label(
+            "● Networks: those of the version in use learned the errors of its calibration and are left out; \
+             learn again after saving (springtwin learn)",
+        );
     }
     let nothing = lines.is_empty() && wizard.mark(Step::Mocap) != Mark::Pass;
     if nothing {
@@ -231,6 +237,13 @@ fn version(
         });
     });
     ui.label(RichText::new(&v.note).small().color(p.weak));
+    if let Some(hash) = &kept.networks {
+        let text = format!(
+            "with networks of its own ({})",
+            hash.get(..8).unwrap_or(hash)
+        );
+        ui.label(RichText::new(text).small().color(p.weak));
+    }
 }
 
 /// Number, name and date in the space that is left; what is cut is whole in the tooltip.

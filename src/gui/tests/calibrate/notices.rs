@@ -57,6 +57,7 @@ fn a_version_counts_as_in_use_when_the_twin_says_so_and_a_refusal_is_told_on_eve
                 note,
                 calibration,
                 registration,
+                networks: None,
             },
         );
     }

@@ -1,0 +1,173 @@
+//! `learn`: the networks learn one arm.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use clap::Args;
+use serde_json::json;
+
+use super::calibrate::now;
+use super::drive::rounds::{Round, RoundArgs};
+use super::outputs::Overwrite;
+use super::train::NETWORKS;
+use super::{Report, args, user};
+use springtwin::calibrate::{NewVersion, Store};
+use springtwin::drive::{Instruments, is_virtual, model};
+use springtwin::lab::learning::{self, Learned};
+use springtwin::recording::write_bytes;
+use springtwin::robot::RobotSpec;
+
+#[derive(Args)]
+pub struct LearnArgs {
+    /// Recordings with motion capture that are there already, read by the calibration in use: nothing is driven, and the last one
+    /// is held out
+    #[arg(long, value_name = "F.rrd", num_args = 1.., conflicts_with_all = ["minutes", "rig"])]
+    from: Vec<PathBuf>,
+    /// Time of all excitations together, a minute each, min
+    #[arg(long, value_name = "MIN", default_value = "10", value_parser = args::not_negative)]
+    minutes: f64,
+    /// Folder for the networks and a recording of every excitation
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
+    /// Save no version: the networks are written to the folder only
+    #[arg(long)]
+    dry_run: bool,
+    #[command(flatten)]
+    rounds: RoundArgs,
+}
+
+/// `learn`.
+pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
+    a.rounds.check(robot)?;
+    a.overwrite.files(&a.out, &[NETWORKS])?;
+    let simulated = is_virtual(&a.rounds.rig);
+    let store = user::data_folder().map(|data| Store::of(robot, simulated, &data));
+    anyhow::ensure!(
+        store.is_some() || a.dry_run,
+        "there is no folder for the user's data: set HOME, or use --dry-run"
+    );
+    let named = a.rounds.instruments.plain();
+    let instruments = match &store {
+        Some(store) => store.complete(named, simulated).0,
+        None => named,
+    };
+    let in_use = model::maps_for(robot, &a.rounds.rig, instruments.networks.as_deref())?;
+    let base = model::model(instruments.networks.as_deref())?;
+    std::fs::create_dir_all(&a.out)
+        .with_context(|| format!("cannot make the folder {}", a.out.display()))?;
+    let recordings = match a.from.is_empty() {
+        true => drive(a, (robot_file, robot), &instruments)?,
+        false => a.from.clone(),
+    };
+    let learned = learning::learn(&base, &in_use, &recordings, &mut |_| {
+        ControlFlow::Continue(())
+    })?;
+    let bytes = learned.networks.to_bytes()?;
+    let file = a.out.join(NETWORKS);
+    write_bytes(&file, &bytes)?;
+    let version = match &store {
+        Some(store) if learned.better() && !a.dry_run => {
+            Some(store.save(version(&instruments, &learned, bytes)?, &now())?)
+        }
+        _ => None,
+    };
+    Ok(report(&learned, &file, version, simulated, a.dry_run))
+}
+
+/// Drives all excitations; their recordings.
+fn drive(
+    a: &LearnArgs,
+    of: (Option<&Path>, &RobotSpec),
+    instruments: &Instruments,
+) -> Result<Vec<PathBuf>> {
+    let all = learning::excitations(of.1, a.minutes, a.rounds.seed);
+    let seconds: f64 = all.iter().map(|d| d.programme().seconds).sum();
+    let next = format!(
+        "{} excitations of the whole workspace under motion capture, {:.0} min in all",
+        all.len(),
+        seconds / 60.0
+    );
+    a.rounds.permitted(&next, "learning")?;
+    let ends = super::signals::asked_to_end()?;
+    let mut recordings = Vec::new();
+    for (number, excitation) in all.iter().enumerate() {
+        let record = a.out.join(format!("learn-{}.rrd", number + 1));
+        let name = &excitation.programme().name;
+        log::info!("{} of {}: {name}", number + 1, all.len());
+        let round = Round {
+            number,
+            excitation,
+            note: format!("learning, {} of {}: {name}", number + 1, all.len()),
+            record: &record,
+        };
+        let with = instruments.clone();
+        a.rounds.drive(of, with, &round, a.overwrite, &ends)?;
+        // Without motion capture the others would be driven for nothing.
+        learning::samples(&record)?;
+        recordings.push(record);
+    }
+    Ok(recordings)
+}
+
+/// The calibration in use, with the networks.
+fn version(instruments: &Instruments, learned: &Learned, networks: Vec<u8>) -> Result<NewVersion> {
+    Ok(NewVersion {
+        note: format!("networks learned this arm: {}", errors(learned)),
+        calibration: model::calibration(instruments.calibration.as_deref())?,
+        registration: instruments.registration()?,
+        networks: Some(networks),
+    })
+}
+
+fn errors(learned: &Learned) -> String {
+    let (before, after) = (learned.before, learned.after);
+    format!(
+        "{:.2} -> {:.2} mm and {:.2} -> {:.2} deg on {} samples of a recording that was held out",
+        before.translation_mm,
+        after.translation_mm,
+        before.rotation_deg,
+        after.rotation_deg,
+        learned.samples[1]
+    )
+}
+
+fn report(
+    learned: &Learned,
+    file: &Path,
+    version: Option<u32>,
+    simulated: bool,
+    dry_run: bool,
+) -> Report {
+    let done = match version {
+        Some(n) => format!(
+            "saved as version {n} and in use from the next start of the window on; `--networks {}` has other commands use them. The \
+             version before can be restored on the Calibrate screen",
+            file.display()
+        ),
+        None if learned.better() && dry_run => "nothing was saved (--dry-run)".to_owned(),
+        None => "no better than the networks in use: nothing was saved".to_owned(),
+    };
+    Report {
+        text: format!(
+            "learned from {} samples{}: {}\n{} {}",
+            learned.samples[0],
+            if simulated { " (simulated rig)" } else { "" },
+            errors(learned),
+            file.display(),
+            done
+        ),
+        json: json!({
+            "samples": learned.samples[0],
+            "held_out": learned.samples[1],
+            "before": learned.before,
+            "after": learned.after,
+            "better": learned.better(),
+            "networks": file,
+            "version": version,
+            "simulated": simulated,
+        }),
+    }
+}
