@@ -22,8 +22,8 @@ use springtwin::robot::RobotSpec;
 pub struct LearnArgs {
     /// Recordings with motion capture that are there already, read by the calibration in use: nothing is driven, and the last one
     /// is held out
-    #[arg(long, value_name = "F.rrd", num_args = 1.., conflicts_with_all = ["minutes", "rig"])]
-    from: Vec<PathBuf>,
+    #[arg(long = "from", value_name = "F.rrd", num_args = 1.., conflicts_with_all = ["minutes", "rig"])]
+    recordings: Vec<PathBuf>,
     /// Time of all excitations together, a minute each, min
     #[arg(long, value_name = "MIN", default_value = "10", value_parser = args::not_negative)]
     minutes: f64,
@@ -58,9 +58,9 @@ pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
     let base = model::model(instruments.networks.as_deref())?;
     std::fs::create_dir_all(&a.out)
         .with_context(|| format!("cannot make the folder {}", a.out.display()))?;
-    let recordings = match a.from.is_empty() {
+    let recordings = match a.recordings.is_empty() {
         true => drive(a, (robot_file, robot), &instruments)?,
-        false => a.from.clone(),
+        false => a.recordings.clone(),
     };
     let learned = learning::learn(&base, &in_use, &recordings, &mut |_| {
         ControlFlow::Continue(())

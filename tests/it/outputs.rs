@@ -5,7 +5,8 @@ use std::collections::BTreeSet;
 use crate::program::{json, refusal, scratch};
 
 /// Every command that writes, with the arguments that it needs, and a file that it would write under `OUT`.
-const WRITERS: [(&str, &str, &str); 39] = [
+const WRITERS: [(&str, &str, &str); 40] = [
+    ("learn", "--out OUT", "reference.safetensors"),
     (
         "dataset generate",
         "--samples 9 --out OUT/d.parquet",
