@@ -33,6 +33,15 @@ pub struct Kept {
     pub networks: Option<String>,
 }
 
+impl Kept {
+    /// That it has networks, with the beginning of their hash, if it has.
+    pub fn with_networks(&self) -> Option<String> {
+        let hash = self.networks.as_deref()?;
+        let start = hash.get(..8).unwrap_or(hash);
+        Some(format!("with networks of its own ({start})"))
+    }
+}
+
 /// A version to save; the date is set when it is saved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NewVersion {

@@ -65,12 +65,11 @@ pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
     let learned = learning::learn(&base, &in_use, &recordings, &mut |_| {
         ControlFlow::Continue(())
     })?;
-    let bytes = learned.networks.to_bytes()?;
     let file = a.out.join(NETWORKS);
-    write_bytes(&file, &bytes)?;
+    write_bytes(&file, &learned.networks)?;
     let version = match &store {
         Some(store) if learned.better() && !a.dry_run => {
-            Some(store.save(version(&instruments, &learned, bytes)?, &now())?)
+            Some(store.save(version(&instruments, &learned)?, &now())?)
         }
         _ => None,
     };
@@ -113,12 +112,12 @@ fn drive(
 }
 
 /// The calibration in use, with the networks.
-fn version(instruments: &Instruments, learned: &Learned, networks: Vec<u8>) -> Result<NewVersion> {
+fn version(instruments: &Instruments, learned: &Learned) -> Result<NewVersion> {
     Ok(NewVersion {
         note: format!("networks learned this arm: {}", errors(learned)),
         calibration: model::calibration(instruments.calibration.as_deref())?,
         registration: instruments.registration()?,
-        networks: Some(networks),
+        networks: Some(learned.networks.clone()),
     })
 }
 

@@ -206,22 +206,21 @@ pub fn merge(paths: &[PathBuf], out: &Path) -> Result<(usize, String)> {
 /// # Errors
 /// As [`read_samples`].
 pub fn read_all_samples(paths: &[PathBuf]) -> Result<Option<Dataset>> {
-    let mut all: Option<Dataset> = None;
-    for path in paths {
-        let more = read_samples(path)?;
-        match &mut all {
-            None => all = Some(more),
-            Some(all) => {
-                all.source += &format!(" + {}", more.source);
-                all.row_s = [all.row_s, more.row_s]
-                    .into_iter()
-                    .flatten()
-                    .reduce(f64::min);
-                all.samples.extend(more.samples);
-            }
-        }
-    }
-    Ok(all)
+    let all = paths.iter().map(|path| read_samples(path));
+    Ok(joined(all.collect::<Result<Vec<_>>>()?))
+}
+
+/// Data sets one after the other as one; `None` of none.
+pub fn joined(all: Vec<Dataset>) -> Option<Dataset> {
+    all.into_iter().reduce(|mut all, more| {
+        all.source += &format!(" + {}", more.source);
+        all.row_s = [all.row_s, more.row_s]
+            .into_iter()
+            .flatten()
+            .reduce(f64::min);
+        all.samples.extend(more.samples);
+        all
+    })
 }
 
 /// Reads a data set, or the samples of a session that has motion capture.

@@ -138,13 +138,8 @@ fn loads(of: &str, versions: &[Version], without: &str) -> (bool, String) {
     let active = versions.iter().find(|v| v.active);
     let text = match active {
         Some(v) => {
-            let networks = v.kept.as_ref().ok().and_then(|k| k.networks.as_deref());
-            let with = networks.map_or_else(String::new, |hash| {
-                format!(
-                    ", with networks of its own ({})",
-                    hash.get(..8).unwrap_or(hash)
-                )
-            });
+            let networks = v.kept.as_ref().ok().and_then(|k| k.with_networks());
+            let with = networks.map_or_else(String::new, |text| format!(", {text}"));
             format!(
                 "{of}: {} load, version {} is in use{with}",
                 versions.len(),

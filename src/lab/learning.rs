@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result};
 use serde::Serialize;
 
-use super::dataset::{read_all_samples, read_samples};
+use super::dataset::{joined, read_samples};
 use super::session::{Drive, Excitation};
 use super::units::session_recipe;
 use crate::learn::{Model, Watch, adapt, pose_residual};
@@ -66,8 +66,8 @@ impl Errors {
 /// What was learned.
 #[derive(Clone, Debug)]
 pub struct Learned {
-    /// The networks.
-    pub networks: Model,
+    /// The networks: content of their file.
+    pub networks: Vec<u8>,
     /// Errors of the networks that were in use.
     pub before: Errors,
     /// Errors of these.
@@ -98,7 +98,7 @@ pub fn samples(recording: &Path) -> Result<Dataset> {
     Ok(data)
 }
 
-/// Every so manieth sample, [`ROW_S`] apart or more.
+/// Samples about [`ROW_S`] apart.
 fn thinned(mut data: Dataset) -> Dataset {
     let Some(row_s) = data.row_s else {
         return data;
@@ -121,15 +121,13 @@ pub fn learn(base: &Model, in_use: &Maps, recordings: &[PathBuf], watch: Watch) 
         recordings.len()
     );
     let (last, rest) = recordings.split_last().context("there are recordings")?;
-    for file in rest {
-        samples(file)?;
-    }
     let held_out = thinned(samples(last)?);
-    let real = thinned(read_all_samples(rest)?.context("there are recordings")?);
-    let networks = adapt(base, &real, &session_recipe()?, watch)?;
+    let rest = rest.iter().map(|file| samples(file));
+    let rest = joined(rest.collect::<Result<Vec<_>>>()?);
+    let real = thinned(rest.context("there are recordings")?);
+    let networks = adapt(base, &real, &session_recipe()?, watch)?.to_bytes()?;
     // As they will be read.
-    let networks = Model::from_bytes(&networks.to_bytes()?)?;
-    let own = Maps::from(networks.clone());
+    let own = Maps::from(Model::from_bytes(&networks)?);
     Ok(Learned {
         before: Errors::of(in_use, &held_out),
         after: Errors::of(&own, &held_out),

@@ -107,7 +107,7 @@ impl RoundArgs {
         Ok(())
     }
 
-    /// Asks before anything moves on hardware; `what` was `asked` for.
+    /// Asks before anything moves on hardware: whether to drive `next`; `what` ends if not.
     pub fn permitted(&self, next: &str, what: &str) -> Result<()> {
         log::info!("next: {next}");
         if self.yes || is_virtual(&self.rig) {

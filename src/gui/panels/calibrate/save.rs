@@ -237,11 +237,7 @@ fn version(
         });
     });
     ui.label(RichText::new(&v.note).small().color(p.weak));
-    if let Some(hash) = &kept.networks {
-        let text = format!(
-            "with networks of its own ({})",
-            hash.get(..8).unwrap_or(hash)
-        );
+    if let Some(text) = kept.with_networks() {
         ui.label(RichText::new(text).small().color(p.weak));
     }
 }
