@@ -8,6 +8,8 @@ use std::time::Duration;
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 
+use super::user;
+use springtwin::calibrate::Store;
 use springtwin::control::Gains;
 use springtwin::drive::{Instruments, Resets, is_virtual};
 use springtwin::gap::{Commissioned, Monitor};
@@ -62,8 +64,8 @@ impl RollingArgs {
 /// What belongs to a rig besides its boards.
 #[derive(Args, Clone, Debug, Default)]
 pub struct InstrumentArgs {
-    /// Calibration of springs and IMUs, from `calibrate springs` and `calibrate imus`; the virtual rig's
-    /// without it
+    /// Calibration of springs and IMUs, from `calibrate springs` and `calibrate imus`; without it the version of this arm that was
+    /// saved last or restored since, with its networks and registration, else the virtual rig's
     #[arg(long, value_name = "F.toml")]
     calibration: Option<PathBuf>,
     /// Networks from `train`; those that ship for such a rig without it
@@ -92,7 +94,20 @@ pub struct InstrumentArgs {
 }
 
 impl InstrumentArgs {
-    /// As a twin's builder takes them.
+    /// Those that were named for an arm; without a calibration among them, those of its saved version that is in use.
+    pub fn of_arm(&self, robot: &RobotSpec, rig: &str) -> Instruments {
+        let (named, simulated) = (self.plain(), is_virtual(rig));
+        let Some(data) = user::data_folder() else {
+            return named;
+        };
+        let (instruments, trouble) = Store::of(robot, simulated, &data).complete(named, simulated);
+        if let Some(trouble) = trouble {
+            log::warn!("{trouble}");
+        }
+        instruments
+    }
+
+    /// Those that were named, as a twin's builder takes them.
     pub fn plain(&self) -> Instruments {
         Instruments {
             calibration: self.calibration.clone(),

@@ -105,8 +105,9 @@ fn drive_round(
         excitation,
         note: format!("experiment, round {}: {name}", number + 1),
         record: &record,
+        maps: None,
     };
-    let instruments = a.rounds.instruments.plain();
+    let instruments = a.rounds.instruments.of_arm(of.1, &a.rounds.rig);
     a.rounds.drive(of, instruments, &round, a.overwrite, ends)?;
     Ok(Grid::new(read_session(&record)?)?)
 }

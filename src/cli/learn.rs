@@ -14,9 +14,10 @@ use super::train::NETWORKS;
 use super::{Report, args, user};
 use springtwin::calibrate::{NewVersion, Store};
 use springtwin::drive::{Instruments, is_virtual, model};
-use springtwin::lab::learning::{self, Learned};
-use springtwin::recording::write_bytes;
+use springtwin::lab::learning::{self, Arm, Learned};
+use springtwin::recording::{write_bytes, write_text};
 use springtwin::robot::RobotSpec;
+use springtwin::twin::Maps;
 
 #[derive(Args)]
 pub struct LearnArgs {
@@ -39,41 +40,44 @@ pub struct LearnArgs {
     rounds: RoundArgs,
 }
 
+/// The file of the calibration that the networks belong to.
+const CALIBRATION: &str = "calibration.toml";
+
 /// `learn`.
 pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     a.rounds.check(robot)?;
-    a.overwrite.files(&a.out, &[NETWORKS])?;
+    a.overwrite.files(&a.out, &[NETWORKS, CALIBRATION])?;
     let simulated = is_virtual(&a.rounds.rig);
     let store = user::data_folder().map(|data| Store::of(robot, simulated, &data));
     anyhow::ensure!(
         store.is_some() || a.dry_run,
         "there is no folder for the user's data: set HOME, or use --dry-run"
     );
-    let named = a.rounds.instruments.plain();
-    let instruments = match &store {
-        Some(store) => store.complete(named, simulated).0,
-        None => named,
-    };
+    let instruments = a.rounds.instruments.of_arm(robot, &a.rounds.rig);
     let in_use = model::maps_for(robot, &a.rounds.rig, instruments.networks.as_deref())?;
     let base = model::model(instruments.networks.as_deref())?;
     std::fs::create_dir_all(&a.out)
         .with_context(|| format!("cannot make the folder {}", a.out.display()))?;
     let recordings = match a.recordings.is_empty() {
-        true => drive(a, (robot_file, robot), &instruments)?,
+        true => drive(a, (robot_file, robot), &instruments, &in_use)?,
         false => a.recordings.clone(),
     };
-    let learned = learning::learn(&base, &in_use, &recordings, &mut |_| {
-        ControlFlow::Continue(())
-    })?;
-    let file = a.out.join(NETWORKS);
-    write_bytes(&file, &learned.networks)?;
+    let arm = Arm {
+        robot,
+        calibration: &model::calibration(instruments.calibration.as_deref())?,
+        in_use: &in_use,
+        base: &base,
+    };
+    let learned = arm.learn(&recordings, &mut |_| ControlFlow::Continue(()))?;
+    write_bytes(&a.out.join(NETWORKS), &learned.networks)?;
+    write_text(&a.out.join(CALIBRATION), &learned.calibration.to_toml()?)?;
     let version = match &store {
         Some(store) if learned.better() && !a.dry_run => {
             Some(store.save(version(&instruments, &learned)?, &now())?)
         }
         _ => None,
     };
-    Ok(report(&learned, &file, version, simulated, a.dry_run))
+    Ok(report(&learned, &a.out, version, simulated, a.dry_run))
 }
 
 /// Drives all excitations; their recordings.
@@ -81,6 +85,7 @@ fn drive(
     a: &LearnArgs,
     of: (Option<&Path>, &RobotSpec),
     instruments: &Instruments,
+    in_use: &Maps,
 ) -> Result<Vec<PathBuf>> {
     let all = learning::excitations(of.1, a.minutes, a.rounds.seed);
     let seconds: f64 = all.iter().map(|d| d.programme().seconds).sum();
@@ -101,21 +106,22 @@ fn drive(
             excitation,
             note: format!("learning, {} of {}: {name}", number + 1, all.len()),
             record: &record,
+            maps: Some(in_use),
         };
         let with = instruments.clone();
         a.rounds.drive(of, with, &round, a.overwrite, &ends)?;
         // Without motion capture the others would be driven for nothing.
-        learning::samples(&record)?;
+        learning::check(&record)?;
         recordings.push(record);
     }
     Ok(recordings)
 }
 
-/// The calibration in use, with the networks.
+/// The calibration with what was learned of it, and the networks.
 fn version(instruments: &Instruments, learned: &Learned) -> Result<NewVersion> {
     Ok(NewVersion {
         note: format!("networks learned this arm: {}", errors(learned)),
-        calibration: model::calibration(instruments.calibration.as_deref())?,
+        calibration: learned.calibration.clone(),
         registration: instruments.registration()?,
         networks: Some(learned.networks.clone()),
     })
@@ -135,36 +141,48 @@ fn errors(learned: &Learned) -> String {
 
 fn report(
     learned: &Learned,
-    file: &Path,
+    out: &Path,
     version: Option<u32>,
     simulated: bool,
     dry_run: bool,
 ) -> Report {
-    let done = match version {
+    let (networks, calibration) = (out.join(NETWORKS), out.join(CALIBRATION));
+    let groups: Vec<&str> = learned.adjusted.iter().map(|g| g.name()).collect();
+    let mut text = format!(
+        "learned from {} samples{}: {}",
+        learned.samples[0],
+        if simulated { " (simulated rig)" } else { "" },
+        errors(learned)
+    );
+    text += &match groups.is_empty() {
+        true => "\ncalibration: as it was".to_owned(),
+        false => format!("\ncalibration: adjusted {}", groups.join(", ")),
+    };
+    if learned.trained {
+        text += "\nnetworks: trained for this robot file first";
+    }
+    text += &match version {
         Some(n) => format!(
-            "saved as version {n} and in use from the next start of the window on; `--networks {}` has other commands use them. The \
-             version before can be restored on the Calibrate screen",
-            file.display()
+            "\nsaved as version {n} and in use from the next start of the window on; other commands use it with --calibration {} \
+             --networks {}. The version before can be restored on the Calibrate screen",
+            calibration.display(),
+            networks.display()
         ),
-        None if learned.better() && dry_run => "nothing was saved (--dry-run)".to_owned(),
-        None => "no better than the networks in use: nothing was saved".to_owned(),
+        None if learned.better() && dry_run => "\nno version was saved (--dry-run)".to_owned(),
+        None => "\nno better than what is in use: no version was saved".to_owned(),
     };
     Report {
-        text: format!(
-            "learned from {} samples{}: {}\n{} {}",
-            learned.samples[0],
-            if simulated { " (simulated rig)" } else { "" },
-            errors(learned),
-            file.display(),
-            done
-        ),
+        text,
         json: json!({
             "samples": learned.samples[0],
             "held_out": learned.samples[1],
             "before": learned.before,
             "after": learned.after,
             "better": learned.better(),
-            "networks": file,
+            "adjusted": groups,
+            "trained": learned.trained,
+            "networks": networks,
+            "calibration": calibration,
             "version": version,
             "simulated": simulated,
         }),

@@ -180,8 +180,8 @@ impl ImuErrors {
 
 impl RigArgs {
     /// Clocks of the boards: those of the unit where nothing else is given.
-    fn clocks(&self) -> [Clock; BOARDS] {
-        let drawn = Clock::of_unit(self.unit);
+    fn clocks(&self, robot: &RobotSpec) -> [Clock; BOARDS] {
+        let drawn = Clock::of_unit(robot.virtual_unit.unwrap_or(self.unit));
         std::array::from_fn(|b| Clock {
             skew: self.clock_skew.map_or(drawn[b].skew, |all| all[b]),
             drift: self.clock_drift.map_or(drawn[b].drift, |all| all[b]),
@@ -199,7 +199,7 @@ pub fn run(a: &RunArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<
         .robot_file(robot_file)
         .rig(&a.rig, a.options()?)
         .gains(a.controller.gains())
-        .instruments(a.instruments.plain())
+        .instruments(a.instruments.of_arm(robot, &a.rig))
         .rolling(user::rolling_folder(), a.rolling.of())
         .watch(a.monitor.watch(robot)?)
         .ends_with(super::signals::asked_to_end()?);
@@ -265,7 +265,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
     let twin = TwinBuilder::new(robot)
         .robot_file(robot_file)
         .rig(&a.rig, rig_options(0.0, 1))
-        .instruments(a.instruments.plain())
+        .instruments(a.instruments.of_arm(robot, &a.rig))
         .rolling(user::rolling_folder(), a.rolling.of())
         .watch(a.monitor.watch(robot)?)
         .ends_with(super::signals::asked_to_end()?);
@@ -290,7 +290,7 @@ pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
         unit: Unit(a.unit),
         objects: objects(&a.object),
         hidden: a.hide.clone(),
-        clocks: Some(a.clocks()),
+        clocks: Some(a.clocks(robot)),
         inertial: a.imu_errors.errors(),
         ..rig_options(a.payload, a.seed)
     };

@@ -72,7 +72,7 @@ commands! { c:
     /// better
     Learn(a: learn::LearnArgs) => learn::run(a, c.robot_file, c.robot),
     /// Train the networks
-    Train(a: train::TrainArgs) => train::run(a, c.json),
+    Train(a: train::TrainArgs) => train::run(a, c.robot, c.json),
     /// The paper's tables on sensing and control, made again on the virtual rig
     Study(a: study::StudyArgs) => study::run(a, c.robot, c.json),
     /// Pose from springs and IMUs of a session, against its motion capture

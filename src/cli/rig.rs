@@ -1,9 +1,15 @@
 //! `rig`: the virtual rig live, or what it makes offline.
 
+use std::path::PathBuf;
+
 use anyhow::Result;
 use clap::{Args, Subcommand};
+use serde_json::json;
 
+use super::outputs::Overwrite;
 use super::{Report, calibrate, gap_bench, live, session};
+use springtwin::recording::write_text;
+use springtwin::rig::{Unit, measure};
 use springtwin::robot::RobotSpec;
 
 #[derive(Args)]
@@ -23,9 +29,41 @@ enum Offline {
     Effects,
     /// Draw the rig's springs on a bench, up and down, and write the log for `calibrate springs`
     Bench(calibrate::BenchArgs),
+    /// Measure an arm of the virtual rig with calipers, scales and weights, and write its robot file, with which the virtual rig is
+    /// that arm
+    Measure(MeasureArgs),
     /// Write a case of a blind test: two sessions, and elsewhere what is hidden
     #[command(hide = true)]
     Case(gap_bench::CaseArgs),
+}
+
+#[derive(Args)]
+struct MeasureArgs {
+    /// Where to put the robot file
+    #[arg(long, value_name = "F.toml")]
+    out: PathBuf,
+    #[command(flatten)]
+    overwrite: Overwrite,
+    /// Which manufactured arm of the reference robot
+    #[arg(long, value_name = "N", default_value_t = Unit::default().0)]
+    unit: u64,
+    /// Seed of the tools' errors
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+}
+
+/// `rig measure`.
+fn measure_arm(a: &MeasureArgs) -> Result<Report> {
+    a.overwrite.file(&a.out)?;
+    write_text(&a.out, &measure::robot_file(Unit(a.unit), a.seed))?;
+    Ok(Report {
+        text: format!(
+            "unit {} of the virtual rig, measured (simulated), in {}",
+            a.unit,
+            a.out.display()
+        ),
+        json: json!({"unit": a.unit, "file": a.out, "simulated": true}),
+    })
 }
 
 /// `rig`.
@@ -35,6 +73,7 @@ pub fn run(a: &RigCommand, robot: &RobotSpec) -> Result<Report> {
         Some(Offline::Session(a)) => session::run(a, robot),
         Some(Offline::Effects) => Ok(session::effects()),
         Some(Offline::Bench(a)) => calibrate::bench(a, robot),
+        Some(Offline::Measure(a)) => measure_arm(a),
         Some(Offline::Case(a)) => gap_bench::case(a, robot),
     }
 }

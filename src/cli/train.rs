@@ -12,21 +12,25 @@ use super::Report;
 use super::outputs::Overwrite;
 use springtwin::drive::model;
 use springtwin::lab::dataset::read_all_samples;
+use springtwin::lab::learning::{networks_for, shipped_recipe};
 use springtwin::lab::provenance;
 use springtwin::lab::units::session_recipe;
 use springtwin::learn::{self, Recipe};
 use springtwin::recording::{read_dataset, write_bytes};
+use springtwin::robot::RobotSpec;
 use springtwin::signal::Dataset;
 
 #[derive(Args)]
+#[command(group = clap::ArgGroup::new("of").args(["data", "real", "guess"]).multiple(true))]
 pub struct TrainArgs {
-    /// Recipe; without it the shipped one, or without --data the one for sessions
-    #[arg(long, value_name = "F.toml")]
+    /// Recipe; without it the shipped one, or with --real alone the one for sessions
+    #[arg(long, value_name = "F.toml", requires = "of")]
     recipe: Option<PathBuf>,
-    /// Simulated samples; without them only the sim-to-real networks are trained, on top of those of --model
-    #[arg(long, value_name = "F.parquet", required_unless_present_any = ["real", "guess"])]
+    /// Simulated samples; without them and without --real, those that the shipped networks were trained on, of this robot file
+    #[arg(long, value_name = "F.parquet")]
     data: Option<PathBuf>,
-    /// Samples of the arm itself, for the sim-to-real networks: a dataset or a session; may be given several times
+    /// Samples of the arm itself, for the sim-to-real networks, without --data on top of those of --model: a dataset or a session;
+    /// may be given several times
     #[arg(long, value_name = "F")]
     real: Vec<PathBuf>,
     /// Samples to search for the initial guess of the paper's controller, of the nominal arm without loads; those of --data
@@ -43,17 +47,15 @@ pub struct TrainArgs {
     overwrite: Overwrite,
 }
 
-const RECIPE: &str = include_str!("../../assets/networks/recipe.toml");
-
 /// The file that `train` writes.
 pub const NETWORKS: &str = "reference.safetensors";
 
 /// `train`.
-pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
+pub fn run(a: &TrainArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> {
     a.overwrite.files(&a.out, &[NETWORKS])?;
     let recipe = match &a.recipe {
-        None if a.data.is_none() => session_recipe()?,
-        None => Recipe::from_toml(RECIPE).context("the built-in recipe does not load")?,
+        None if a.data.is_none() && !a.real.is_empty() => session_recipe()?,
+        None => shipped_recipe()?,
         Some(path) => Recipe::from_toml(&crate::cli::read_toml(path)?)
             .with_context(|| path.display().to_string())?,
     };
@@ -96,6 +98,7 @@ pub fn run(a: &TrainArgs, quiet: bool) -> Result<Report> {
             learn::adapt(&base, real, &recipe, &mut watch)?
         }
         (Some(data), real) => learn::train(data, real.as_ref(), &recipe, &mut watch)?,
+        (None, None) if guess.is_none() => networks_for(robot, &mut watch)?,
         (None, None) => model::model(a.model.as_deref())?,
     };
     let trained = match &guess {

@@ -8,6 +8,7 @@ use super::files::read_toml;
 use super::ports::is_virtual;
 use crate::learn::{Model, PoseEval};
 use crate::recording::{SessionLog, SizeLimit};
+use crate::rig::Unit;
 use crate::robot::RobotSpec;
 use crate::sensing::{Calibration, Sensing};
 use crate::twin::{Maps, sensing_for};
@@ -44,12 +45,12 @@ pub fn trained_for_another(model: &Model, robot: &RobotSpec) -> Option<&'static 
         Some(
             "the networks were trained for this robot without its patches: predictions and first guesses are \
              the unpatched robot's, the sensors' feedback corrects the motion; for networks of the patched one \
-             run `springtwin dataset generate` and `springtwin train` with it",
+             run `springtwin train` with it",
         )
     } else {
         Some(
-            "the networks were trained for another robot file: run `springtwin dataset generate` and \
-             `springtwin train`",
+            "the networks were trained for another robot file: run `springtwin train` with it for networks of its model, or \
+             `springtwin learn` for networks of this arm",
         )
     }
 }
@@ -63,10 +64,14 @@ pub fn trained_for_another(model: &Model, robot: &RobotSpec) -> Option<&'static 
 pub fn maps_for(robot: &RobotSpec, rig: &str, networks: Option<&Path>) -> Result<Maps> {
     let model = match (networks, is_virtual(rig)) {
         (Some(file), _) => own_model(robot, file)?,
-        (None, true) => {
+        (None, true)
+            if robot
+                .virtual_unit
+                .is_none_or(|unit| Unit(unit) == Unit::default()) =>
+        {
             Model::from_bytes(UNIT_MODEL).context("the built-in networks do not load")?
         }
-        (None, false) => model(None)?,
+        (None, _) => model(None)?,
     };
     // An arm that lacks sensors uses none.
     if let Some(notice) = trained_for_another(&model, robot).filter(|_| robot.lacks().is_none()) {
@@ -82,7 +87,7 @@ fn own_model(robot: &RobotSpec, file: &Path) -> Result<Model> {
     anyhow::ensure!(
         [&robot.hash, &robot.base_hash].contains(&trained_for),
         "{} holds networks of another robot ({}, this one is {}): name its robot file with --robot, or train networks for this \
-         one with `springtwin dataset generate` and `springtwin train`",
+         one with `springtwin train`",
         file.display(),
         short(trained_for),
         short(&robot.hash)

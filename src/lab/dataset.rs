@@ -236,7 +236,7 @@ pub fn read_samples(path: &Path) -> Result<Dataset> {
 }
 
 /// The complete rows of a session, as a trajectory.
-fn samples_of(log: &SessionLog) -> Dataset {
+pub(super) fn samples_of(log: &SessionLog) -> Dataset {
     let complete = |k: usize| {
         let complete = log.chamber_pa[k].iter().all(|p| p.is_finite())
             && log.sensors[k].to_vector().iter().all(|x| x.is_finite());

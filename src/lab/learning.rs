@@ -1,16 +1,24 @@
 //! Networks that learn one arm: what is driven for it under motion capture, and whether what they learned is better.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use serde::Serialize;
 
-use super::dataset::{joined, read_samples};
+use super::dataset::{joined, read_samples, samples_of};
+use super::reprocess::read_again;
+use super::self_calibration::recorded_take;
 use super::session::{Drive, Excitation};
+use super::threads;
 use super::units::session_recipe;
-use crate::learn::{Model, Watch, adapt, pose_residual};
+use crate::drive::model::trained_for_another;
+use crate::learn::{Model, Recipe, Watch, adapt, pose_residual, train, with_guesses};
 use crate::robot::RobotSpec;
+use crate::sensing::Calibration;
+use crate::sensing::bundle::{Group, adjust};
 use crate::signal::Dataset;
+use crate::sim::dataset::{Draw, Plan, generate};
 use crate::twin::Maps;
 
 /// Fewest recordings: one is held out, and of one alone nothing general is learned.
@@ -68,7 +76,13 @@ impl Errors {
 pub struct Learned {
     /// The networks: content of their file.
     pub networks: Vec<u8>,
-    /// Errors of the networks that were in use.
+    /// The calibration that they belong to.
+    pub calibration: Calibration,
+    /// What of it the recordings improved; nothing where it is the one that was in use.
+    pub adjusted: Vec<Group>,
+    /// Whether networks were trained on the model of this robot file first, because those at hand were another one's.
+    pub trained: bool,
+    /// Errors of the networks and the calibration that were in use.
     pub before: Errors,
     /// Errors of these.
     pub after: Errors,
@@ -83,12 +97,15 @@ impl Learned {
     }
 }
 
-/// Samples of a recording, as they are learned from.
+/// Refuses a recording without motion capture.
 ///
 /// # Errors
 /// When it cannot be read, or holds no motion capture.
-pub fn samples(recording: &Path) -> Result<Dataset> {
-    let data = read_samples(recording)?;
+pub fn check(recording: &Path) -> Result<()> {
+    with_capture(recording, read_samples(recording)?).map(drop)
+}
+
+fn with_capture(recording: &Path, data: Dataset) -> Result<Dataset> {
     anyhow::ensure!(
         !data.samples.is_empty(),
         "{} has no row with all sensors and a pose of motion capture: start its stream to this computer (springtwin doctor), and \
@@ -109,31 +126,132 @@ fn thinned(mut data: Dataset) -> Dataset {
     data
 }
 
-/// Learns sim-to-real networks and uncertainties on top of `base` from all `recordings` but the last, which judges them against
-/// the networks that are `in_use`.
+/// An arm as it is known before it is learned.
+pub struct Arm<'a> {
+    /// Its robot file.
+    pub robot: &'a RobotSpec,
+    /// The calibration in use.
+    pub calibration: &'a Calibration,
+    /// The networks in use.
+    pub in_use: &'a Maps,
+    /// The networks that new ones are trained on top of.
+    pub base: &'a Model,
+}
+
+impl Arm<'_> {
+    /// Samples of a recording, read by a calibration from its raw frames.
+    fn samples(&self, recording: &Path, maps: &Maps, by: &Calibration) -> Result<Dataset> {
+        let log = read_again(recording, self.robot, maps, by)?;
+        Ok(thinned(with_capture(recording, samples_of(&log))?))
+    }
+
+    /// The calibration with what held-out blocks of the recordings show to be better.
+    fn adjusted(&self, recordings: &[PathBuf]) -> Result<(Calibration, Vec<Group>)> {
+        // Patches of the model describe the same errors.
+        if !self.robot.patches.is_empty() {
+            return Ok((self.calibration.clone(), Vec::new()));
+        }
+        let takes = recordings
+            .iter()
+            .map(|file| recorded_take(file, self.calibration, true));
+        let takes = takes
+            .map(|t| t.map(|(take, _)| take))
+            .collect::<Result<Vec<_>>>()?;
+        let found = adjust(self.robot, self.calibration, &takes)?;
+        let kept = found
+            .groups
+            .iter()
+            .filter(|g| g.kept)
+            .map(|g| g.group)
+            .collect();
+        Ok((found.calibration, kept))
+    }
+
+    /// Learns from all `recordings` but the last, which judges: the calibration (ends and gains of the springs, mountings of the
+    /// IMUs), networks of this robot file where those at hand are another one's, and on top sim-to-real networks and
+    /// uncertainties.
+    ///
+    /// # Errors
+    /// When a recording cannot be read, there are too few, or training fails.
+    pub fn learn(&self, recordings: &[PathBuf], watch: Watch) -> Result<Learned> {
+        anyhow::ensure!(
+            recordings.len() >= LEAST,
+            "{} recordings are too few: {LEAST} are the least, one of which is held out",
+            recordings.len()
+        );
+        let (last, rest) = recordings.split_last().context("there are recordings")?;
+        let held_out = self.samples(last, self.in_use, self.calibration)?;
+        let before = Errors::of(self.in_use, &held_out);
+        let (calibration, adjusted) = self.adjusted(rest)?;
+        let trained =
+            trained_for_another(self.base, self.robot).is_some() && self.robot.patches.is_empty();
+        let own = match trained {
+            true => Some(networks_for(self.robot, watch)?),
+            false => None,
+        };
+        let base = own.as_ref().unwrap_or(self.base);
+        // Read as the new networks will be.
+        let maps = Maps {
+            know_sensors: true,
+            ..Maps::from(base.clone())
+        };
+        let real = rest
+            .iter()
+            .map(|file| self.samples(file, &maps, &calibration));
+        let real = joined(real.collect::<Result<Vec<_>>>()?).context("there are recordings")?;
+        let networks = adapt(base, &real, &session_recipe()?, watch)?.to_bytes()?;
+        // As they will be read.
+        let own = Maps::from(Model::from_bytes(&networks)?);
+        let held_out = self.samples(last, &own, &calibration)?;
+        Ok(Learned {
+            before,
+            after: Errors::of(&own, &held_out),
+            samples: [real.samples.len(), held_out.samples.len()],
+            networks,
+            calibration,
+            adjusted,
+            trained,
+        })
+    }
+}
+
+/// Networks of a robot file, trained on its own model as the shipped ones were on the reference robot's
+/// (`assets/networks/recipe.toml`).
 ///
 /// # Errors
-/// When a recording cannot be read, there are too few, or training fails.
-pub fn learn(base: &Model, in_use: &Maps, recordings: &[PathBuf], watch: Watch) -> Result<Learned> {
-    anyhow::ensure!(
-        recordings.len() >= LEAST,
-        "{} recordings are too few: {LEAST} are the least, one of which is held out",
-        recordings.len()
-    );
-    let (last, rest) = recordings.split_last().context("there are recordings")?;
-    let held_out = thinned(samples(last)?);
-    let rest = rest.iter().map(|file| samples(file));
-    let rest = joined(rest.collect::<Result<Vec<_>>>()?);
-    let real = thinned(rest.context("there are recordings")?);
-    let networks = adapt(base, &real, &session_recipe()?, watch)?.to_bytes()?;
-    // As they will be read.
-    let own = Maps::from(Model::from_bytes(&networks)?);
-    Ok(Learned {
-        before: Errors::of(in_use, &held_out),
-        after: Errors::of(&own, &held_out),
-        samples: [real.samples.len(), held_out.samples.len()],
-        networks,
+/// When training fails.
+pub fn networks_for(robot: &RobotSpec, watch: Watch) -> Result<Model> {
+    let recipe = shipped_recipe()?;
+    let samples = |plan: &Plan| {
+        let (data, _) = generate(robot, plan, 0..plan.draw.len(), threads(), &mut |_| {
+            ControlFlow::Continue(())
+        });
+        data
+    };
+    let sim = samples(&Plan {
+        payload_max_kg: 0.5,
+        tip_force_sd_n: 20.0,
+        deviation_sd: 0.02,
+        free_pads_sd_m: 3e-3,
+        attachment_sd_m: 0.15e-3,
+        ..Plan::nominal(Draw::Arcsine(60_000), 1)
+    });
+    let guess =
+        [Draw::Uniform(3000), Draw::Arcsine(1000)].map(|draw| samples(&Plan::nominal(draw, 1)));
+    let trained = train(&sim, None, &recipe, watch)?;
+    Ok(match joined(guess.into()) {
+        Some(guess) => with_guesses(&trained, &guess),
+        None => trained,
     })
+}
+
+/// The recipe of the shipped networks, `assets/networks/recipe.toml`.
+///
+/// # Errors
+/// When the built-in file is damaged.
+pub fn shipped_recipe() -> Result<Recipe> {
+    Recipe::from_toml(include_str!("../../assets/networks/recipe.toml"))
+        .context("the built-in recipe does not load")
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@
 //!
 //! Sessions and robot files:
 //! - [`solve`], [`replay`], [`estimate`]: the arm at rest, a session through the model, poses from its sensors.
+//! - [`programmes`], [`learning`]: what is driven to commission an arm and to learn it, and what networks make of it.
 //! - [`mod@reprocess`]: a recording computed again from its raw frames.
 //! - [`mod@session`]: sessions of the virtual rig, through its whole chain.
 //! - [`experiment`]: the finder drives what separates best.
@@ -43,6 +44,7 @@ pub mod motions;
 pub mod multibody;
 pub mod patches;
 pub mod predicted;
+pub mod programmes;
 mod progress;
 pub mod provenance;
 pub mod ranges;

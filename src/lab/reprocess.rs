@@ -8,7 +8,8 @@ use sha2::{Digest as _, Sha256};
 use super::Progress;
 use crate::learn::estimate;
 use crate::recording::{
-    RecordingFile, RecordingMeta, RecordingSummary, RecordingWriter, Selection,
+    RecordingFile, RecordingMeta, RecordingSummary, RecordingWriter, Selection, SessionLog,
+    each_snapshot, read_log,
 };
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
@@ -79,6 +80,41 @@ pub fn reprocess(
     done?;
     progress.stage_done("");
     Ok(writer.finish()?)
+}
+
+/// What a recording measured, as [`read_log`] has it, with its sensors read again from the raw frames with another calibration.
+///
+/// # Errors
+/// When the file cannot be read, or holds no raw frames.
+pub fn read_again(
+    path: &Path,
+    robot: &RobotSpec,
+    maps: &Maps,
+    calibration: &Calibration,
+) -> Result<SessionLog> {
+    let mut log = read_log(path)?;
+    let mut sensing = maps.sensing(robot, calibration);
+    let (mut newest, mut row) = (None, 0);
+    each_snapshot(path, 0, &mut |snapshot| {
+        if let Some(raw) = &snapshot.raw
+            && newest.is_none_or(|newest| raw.stamp > newest)
+        {
+            newest = Some(raw.stamp);
+            if let Reading::Whole(frame, _) = maps.read(&mut sensing, raw) {
+                let t_s = frame.stamp.seconds();
+                row += log.t_s[row..].partition_point(|row_s| *row_s < t_s);
+                if log.t_s.get(row).is_some_and(|row_s| *row_s == t_s) {
+                    log.sensors[row] = frame.measured();
+                }
+            }
+        }
+    })?;
+    anyhow::ensure!(
+        newest.is_some(),
+        "{} holds no raw frames: record the boards with springtwin record",
+        path.display()
+    );
+    Ok(log)
 }
 
 /// The new recording as a whole; its identity follows from what it is made of.

@@ -1,15 +1,19 @@
 //! What `calibrate self` changes: error of the tip on motion that it was not fitted to, before and after.
 
+use std::path::Path;
+
 use anyhow::Result;
 
 use super::motions::{self, Motion, Raw};
 use super::session::springs_of;
 use crate::drive::model::model;
 use crate::learn::to_pose;
+use crate::recording::each_snapshot;
 use crate::rig::Unit;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::sensing::bundle::{Adjustment, Take, adjust};
+use crate::sensing::bundle::{Adjustment, Sample, Take, adjust};
+use crate::signal::Stamp;
 use crate::twin::Maps;
 
 /// Length of the motion that judges, s, and how its seed differs from that of the motion fitted to.
@@ -53,6 +57,40 @@ pub fn take(calibration: &Calibration, frames: &[Raw], with_cameras: bool) -> Ta
     let tip = frames.iter().filter(|_| with_cameras);
     let tip = tip.map(|r| (r.frame.stamp.seconds(), r.seen)).collect();
     Take::new(calibration, frames.iter().map(|r| &r.frame), tip)
+}
+
+/// Raw frames and motion capture of a recording, and whether it is simulated.
+///
+/// # Errors
+/// When the file cannot be read, or holds no raw frames.
+pub fn recorded_take(
+    path: &Path,
+    calibration: &Calibration,
+    with_mocap: bool,
+) -> Result<(Take, Option<bool>)> {
+    let mut take = Take::default();
+    let mut newest: Option<Stamp> = None;
+    let meta = each_snapshot(path, size_of::<Sample>(), &mut |snapshot| {
+        // Between two frames a snapshot repeats the last one.
+        if let Some(raw) = &snapshot.raw
+            && newest.is_none_or(|newest| raw.stamp > newest)
+        {
+            newest = Some(raw.stamp);
+            take.samples.push(Sample::of(calibration, raw));
+        }
+        if let Some(truth) = snapshot.truth.as_ref().filter(|_| with_mocap) {
+            let t_s = truth.stamp.seconds();
+            if take.tip.last().is_none_or(|last| t_s > last.0) {
+                take.tip.push((t_s, truth.base_from_tip));
+            }
+        }
+    })?;
+    anyhow::ensure!(
+        !take.samples.is_empty(),
+        "{} holds no raw frames: record the boards with springtwin record",
+        path.display()
+    );
+    Ok((take, meta.simulated))
 }
 
 /// A unit from the bench, motion to adjust its calibration to, and other motion to judge it by.

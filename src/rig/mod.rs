@@ -17,6 +17,7 @@ pub mod firmware;
 mod grasp;
 pub mod hidden;
 pub mod inertial;
+pub mod measure;
 pub mod multibody;
 mod noise;
 pub mod plant;
@@ -24,6 +25,7 @@ pub mod plant;
 pub mod pty;
 mod springs;
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use nalgebra::Vector3;
@@ -222,7 +224,17 @@ impl RigBoard {
 
 /// The spring circuits of one manufactured arm.
 pub fn circuit_of(robot: &RobotSpec, unit: Unit) -> Circuit {
-    Circuit::new(robot, unit.0, USUAL_SCATTER)
+    let (drawing, unit) = manufactured(robot, unit);
+    Circuit::new(&drawing, unit.0, USUAL_SCATTER)
+}
+
+/// The drawing and the unit of the virtual arm that a robot file stands for: of a file that was measured on one its own, else the
+/// file itself and `unit`.
+fn manufactured(robot: &RobotSpec, unit: Unit) -> (Cow<'_, RobotSpec>, Unit) {
+    match robot.virtual_unit {
+        Some(own) => (Cow::Owned(RobotSpec::reference()), Unit(own)),
+        None => (Cow::Borrowed(robot), unit),
+    }
 }
 
 impl VirtualRig {
@@ -243,10 +255,15 @@ impl VirtualRig {
         options: &RigOptions,
         rings: usize,
     ) -> Result<Self, RigError> {
+        let (robot, unit) = manufactured(robot, options.unit);
+        let options = RigOptions {
+            unit,
+            ..options.clone()
+        };
         let around = options.surroundings.clone();
-        let plant = Plant::of_rings(robot, options.unit, around, rings);
+        let plant = Plant::of_rings(&robot, unit, around, rings);
         let plant = plant.map_err(RigError::of(&options.surroundings))?;
-        Ok(Self::around(plant, robot, options))
+        Ok(Self::around(plant, &robot, &options))
     }
 
     fn around(plant: Plant, robot: &RobotSpec, options: &RigOptions) -> Self {

@@ -33,8 +33,16 @@ struct File {
     uncertainty: Uncertain,
     #[serde(default)]
     keep_out: Vec<Beyond>,
+    virtual_rig: Option<VirtualRig>,
     #[serde(default)]
     patches: Vec<Patch>,
+}
+
+/// The virtual arm that the file was measured on.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct VirtualRig {
+    unit: u64,
 }
 
 #[derive(Deserialize)]
@@ -373,6 +381,7 @@ impl RobotSpec {
             tip_speed_max_m_s: f.motion.tip_speed_max_mm_s * 1e-3,
             supply_off: f.pressure.supply_off,
             keep_out: f.keep_out.iter().map(keep_out).collect(),
+            virtual_unit: f.virtual_rig.as_ref().map(|v| v.unit),
             base_hash: patches.first().map_or(&hash, |a| &a.onto).clone(),
             hash,
             patches,

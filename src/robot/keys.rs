@@ -464,6 +464,14 @@ pub const KEYS: &[Key] = &[
         "a rule",
     ),
     key(
+        "virtual_rig.unit",
+        "",
+        "a whole number; may be missing",
+        "unit of the virtual rig that this file was measured on: with this file the virtual rig is that arm, whose true numbers the \
+         file does not have",
+        "`rig measure`",
+    ),
+    key(
         "patches",
         "tables",
         "may be missing",
@@ -552,6 +560,8 @@ locked = false
 name = "a # wall" # by hand
 point_mm = [0.0, 300.0, 0.0]
 outward = [0.0, -1.0, 0.0]
+[virtual_rig]
+unit = 5
 "#;
 
     #[test]

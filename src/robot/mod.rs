@@ -199,6 +199,9 @@ pub struct RobotSpec {
     pub supply_off: SupplyOff,
     /// Half-spaces that the arm does not enter.
     pub keep_out: Vec<KeepOut>,
+    /// The unit of the reference robot that the numbers were measured on, where the arm is a virtual one; the virtual rig is then
+    /// that unit. `None`: the virtual rig is made of this file.
+    pub virtual_unit: Option<u64>,
     /// SHA-256 of the robot file, hexadecimal.
     pub hash: String,
     /// The same of the file without its patches.

@@ -9,11 +9,10 @@ use serde_json::{Value, json};
 use crate::cli::Report;
 use crate::cli::outputs::{Overwrite, replace_keeping};
 use springtwin::drive::read_toml;
-use springtwin::recording::each_snapshot;
+use springtwin::lab::self_calibration::recorded_take;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
-use springtwin::sensing::bundle::{Adjustment, Parameter, Sample, Take, adjust};
-use springtwin::signal::Stamp;
+use springtwin::sensing::bundle::{Adjustment, Parameter, adjust};
 
 /// Most parameters that a line of the report names.
 const LINES_MAX: usize = 12;
@@ -54,7 +53,7 @@ pub fn self_(a: &SelfArgs, robot: &RobotSpec) -> Result<Report> {
     let mut takes = Vec::new();
     let mut simulated = Some(false);
     for path in &a.recordings {
-        let (take, is_simulated) = take(path, &calibration, !a.without_mocap)?;
+        let (take, is_simulated) = recorded_take(path, &calibration, !a.without_mocap)?;
         takes.push(take);
         simulated = match (simulated, is_simulated) {
             (Some(a), Some(b)) => Some(a || b),
@@ -67,33 +66,6 @@ pub fn self_(a: &SelfArgs, robot: &RobotSpec) -> Result<Report> {
         true => replace_keeping(&a.out, &found.calibration.to_toml()?)?,
     };
     Ok(report(&found, simulated, &a.out, before.as_deref()))
-}
-
-/// Raw frames and motion capture of a recording, and whether it is simulated.
-fn take(path: &Path, calibration: &Calibration, with_mocap: bool) -> Result<(Take, Option<bool>)> {
-    let mut take = Take::default();
-    let mut newest: Option<Stamp> = None;
-    let meta = each_snapshot(path, size_of::<Sample>(), &mut |snapshot| {
-        // Between two frames a snapshot repeats the last one.
-        if let Some(raw) = &snapshot.raw
-            && newest.is_none_or(|newest| raw.stamp > newest)
-        {
-            newest = Some(raw.stamp);
-            take.samples.push(Sample::of(calibration, raw));
-        }
-        if let Some(truth) = snapshot.truth.as_ref().filter(|_| with_mocap) {
-            let t_s = truth.stamp.seconds();
-            if take.tip.last().is_none_or(|last| t_s > last.0) {
-                take.tip.push((t_s, truth.base_from_tip));
-            }
-        }
-    })?;
-    anyhow::ensure!(
-        !take.samples.is_empty(),
-        "{} holds no raw frames: record the boards with springtwin record",
-        path.display()
-    );
-    Ok((take, meta.simulated))
 }
 
 fn report(

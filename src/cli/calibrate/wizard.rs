@@ -15,9 +15,7 @@ use springtwin::calibrate::headless::{self, Answer, Answerer, Ask, Attempt, Opti
 use springtwin::calibrate::{
     BenchRequest, Headless, PracticeBench, Question, Step, Store, bench, sentence,
 };
-use springtwin::drive::{
-    DEFAULT_RIG, Instruments, TwinBuilder, is_virtual, model, read_bench, rig_options,
-};
+use springtwin::drive::{DEFAULT_RIG, TwinBuilder, is_virtual, model, read_bench, rig_options};
 use springtwin::rig::Unit;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::bench::BenchLog;
@@ -102,7 +100,7 @@ pub fn wizard(
         "a calibration needs a name: --name NAME"
     );
     let store = store(a, robot, simulated)?;
-    let instruments = instruments(a, store.as_ref(), simulated);
+    let instruments = a.instruments.of_arm(robot, &a.rig);
     let registration = instruments.registration()?;
     let in_use = Arc::new(model::calibration(instruments.calibration.as_deref())?);
     let maps = model::maps_for(robot, &a.rig, instruments.networks.as_deref())?;
@@ -158,15 +156,6 @@ fn store(a: &WizardArgs, robot: &RobotSpec, simulated: bool) -> Result<Option<St
         "there is no folder for the user's data: set HOME, or use --dry-run"
     );
     Ok(store)
-}
-
-/// The instruments that were named; without a calibration, that of the active version.
-fn instruments(a: &WizardArgs, store: Option<&Store>, simulated: bool) -> Instruments {
-    let named = a.instruments.plain();
-    match store {
-        Some(store) => store.complete(named, simulated).0,
-        None => named,
-    }
 }
 
 /// Draws springs or reads their log, compares calibrations, and asks whether a step is repeated.

@@ -16,14 +16,14 @@ use springtwin::drive::{
     BASKET_M, DEFAULT_RIG, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, Shape, TwinBuilder,
     drive, fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
 };
-use springtwin::lab::drive_log;
 use springtwin::lab::session::{self, Excitation};
+use springtwin::lab::{drive_log, programmes};
 use springtwin::learn::ErrorStats;
 use springtwin::rig::hidden::Hidden;
 use springtwin::rig::{Object, Obstacle, RigOptions};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{Goal, OrientationGoal, Reach, ReachState};
-use springtwin::task::{Follow, Item, PATH_WAYPOINTS, Path, Plan};
+use springtwin::task::{Follow, Item, PATH_WAYPOINTS, Path, Plan, Programme};
 use springtwin::twin::Event;
 
 /// What every drive has.
@@ -114,7 +114,7 @@ impl Common {
             .robot_file(robot_file)
             .rig(&self.rig, options)
             .gains(self.controller.gains())
-            .instruments(self.instruments.plain())
+            .instruments(self.instruments.of_arm(robot, &self.rig))
             .rolling(crate::cli::user::rolling_folder(), self.rolling.of())
             .watch(self.monitor.watch(robot)?)
             .ends_with(crate::cli::signals::asked_to_end()?);
@@ -291,6 +291,13 @@ pub struct ExciteArgs {
     /// How long, s
     #[arg(long, value_name = "S", default_value = "90", value_parser = args::not_negative)]
     seconds: f64,
+    /// For what, in the place of a kind: `commission` (for `gap commission`), `learn` (for `learn --from`), or a CSV file with the
+    /// columns t_s, p1_kpa to p6_kpa
+    #[arg(long, value_name = "commission|learn|F.csv", conflicts_with_all = ["kind", "seconds"])]
+    plan: Option<PathBuf>,
+    /// How long a plan takes, about, min; without it 3.5 for `commission`, 10 for `learn`
+    #[arg(long, value_name = "MIN", requires = "plan", value_parser = args::not_negative)]
+    minutes: Option<f64>,
     #[command(flatten)]
     common: Common,
 }
@@ -322,11 +329,37 @@ pub struct FollowArgs {
     common: Common,
 }
 
+impl ExciteArgs {
+    fn programme(&self, robot: &RobotSpec) -> Result<Programme> {
+        let minutes = |usual: f64| self.minutes.unwrap_or(usual);
+        let seed = self.common.seed;
+        let Some(plan) = &self.plan else {
+            let excitation = session::Drive::new(self.kind, robot, seed, self.seconds);
+            return Ok(excitation.programme().clone());
+        };
+        Ok(match plan.to_str() {
+            Some("commission") => {
+                programmes::commission(robot, minutes(programmes::COMMISSION_MIN), seed)
+            }
+            Some("learn") => programmes::learn(robot, minutes(programmes::LEARN_MIN), seed),
+            _ => {
+                anyhow::ensure!(
+                    self.minutes.is_none(),
+                    "a file states its own time: leave --minutes out"
+                );
+                programmes::of_file(plan, robot)?
+            }
+        })
+    }
+}
+
 /// `excite`.
 pub fn excite(a: &ExciteArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
-    let excitation = session::Drive::new(a.kind, robot, a.common.seed, a.seconds);
-    let plan = Plan::excite(excitation.programme().clone());
-    let seconds = a.seconds + EXCITE_BEGIN_S;
+    let programme = a.programme(robot)?;
+    let (name, takes_s) = (programme.name.clone(), programme.seconds);
+    crate::cli::stdio::complain(&format!("'{name}' takes {:.1} min", takes_s / 60.0));
+    let plan = Plan::excite(programme);
+    let seconds = takes_s + EXCITE_BEGIN_S;
     let driven = a
         .common
         .drive(robot, robot_file, plan, seconds, Vec::new())?;
@@ -341,14 +374,12 @@ pub fn excite(a: &ExciteArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) 
         set(f64::max, f64::NEG_INFINITY),
     ];
     let json = json!({
-        "excitation": a.kind.name(), "seconds": a.seconds, "ticks": driven.pace.ticks, "missed_ticks": driven.pace.missed,
+        "excitation": name, "seconds": takes_s, "ticks": driven.pace.ticks, "missed_ticks": driven.pace.missed,
         "frames": driven.frames[0], "frames_lost": driven.frames[1], "pressures_kpa": [low, high],
         "simulated": driven.simulated,
     });
     let text = format!(
-        "'{}' driven for {:.0} s{}: pressures from {low:+.1} to {high:+.1} kPa",
-        a.kind.name(),
-        a.seconds,
+        "'{name}' driven for {takes_s:.0} s{}: pressures from {low:+.1} to {high:+.1} kPa",
         label(&driven)
     );
     answer(&driven, Report { text, json })

@@ -20,6 +20,7 @@ use springtwin::rig::Unit;
 use springtwin::rig::hidden::Hidden;
 use springtwin::robot::RobotSpec;
 use springtwin::task::Plan;
+use springtwin::twin::Maps;
 
 #[derive(Args)]
 pub struct RoundArgs {
@@ -62,6 +63,8 @@ pub struct Round<'a> {
     pub note: String,
     /// The recording.
     pub record: &'a Path,
+    /// The networks, where they are loaded already; `None`: those of the instruments.
+    pub maps: Option<&'a Maps>,
 }
 
 impl RoundArgs {
@@ -84,12 +87,15 @@ impl RoundArgs {
         let mut options = rig_options(self.payload, self.seed.wrapping_add(round.number as u64));
         options.unit = Unit(self.unit);
         options.hidden.clone_from(&self.hide);
-        let twin = TwinBuilder::new(robot)
+        let mut twin = TwinBuilder::new(robot)
             .robot_file(robot_file)
             .rig(&self.rig, options)
             .instruments(instruments)
             .rolling(user::rolling_folder(), self.rolling.of())
             .ends_with(Arc::clone(ends));
+        if let Some(maps) = round.maps {
+            twin = twin.maps(maps.clone());
+        }
         let programme = round.excitation.programme().clone();
         let seconds = programme.seconds + EXCITE_BEGIN_S;
         let what = Drive {
