@@ -33,8 +33,8 @@ pub fn pose_error(actual: &Pose, wanted: &Pose) -> Vector6 {
     Vector6::new(d.x, d.y, d.z, w.x, w.y, w.z)
 }
 
-/// The pose a share (0 to 1) of the way between two: straight in translation, the shorter turn in rotation; at half a
-/// turn, where both turns are as long, one of them.
+/// The pose a share (0 to 1) of the way between two in the same frame: straight in translation, the shorter turn in
+/// rotation; at half a turn, where both turns are as long, one of them.
 pub fn pose_between(from: &Pose, to: &Pose, share: f64) -> Pose {
     // The least sine of an angle that shows in the cosine is 1.5e-8: there always is a pose.
     from.try_lerp_slerp(to, share, 1e-9).unwrap_or(*to)

@@ -22,7 +22,7 @@ pub struct Estimate {
     pub stamp: Stamp,
     /// Pose of the end pad's origin in the base frame.
     pub base_from_tip: Pose,
-    /// Covariance over translation (m) and rotation vector (rad).
+    /// Covariance over translation (m) and rotation vector (rad), both in the base frame.
     pub covariance: Matrix6,
     /// Distance of the sensor vector from the training data in standard deviations
     /// (Mahalanobis, divided by √24: about 1 inside the data).
@@ -70,7 +70,7 @@ pub enum Mode {
 pub struct LinkStatus {
     /// Whether a port is open and the boards answered with a matching version, schema and config.
     pub connected: bool,
-    /// Why a board that answers is not used: its version, layout or limits do not match.
+    /// Why a board that answers is not used: its version, layout or limits do not match; `None` if none is refused.
     pub refusal: Option<String>,
     /// What is connected, for the operator: `virtual rig`, a port name, a recording's name.
     pub source: String,
@@ -86,9 +86,9 @@ pub struct LinkStatus {
     pub frames_late: u64,
     /// Age of the newest frame, s.
     pub age_s: f64,
-    /// Time until a port that is gone is tried again, s.
+    /// Time until a port that is gone is tried again, s; `None` while none is gone.
     pub retry_in_s: Option<f64>,
-    /// Frames per second over the last second, per board.
+    /// Frames per second over the last second, per board, board 1 first.
     pub board_rate_hz: [f64; BOARDS],
     /// What the gripper does, as the board that drives it reports; `None` before its first report, and until the
     /// board has had a command for it since the power came.
@@ -103,7 +103,7 @@ pub struct LinkStatus {
     pub supply_cut: bool,
     /// Whether each board reports a simulated arm; `None` before its HELLO.
     pub board_simulated: [Option<bool>; BOARDS],
-    /// Number of the arm at each board, where one was given.
+    /// Number of the arm at each board; `None` where none was given.
     pub rig: [Option<u32>; BOARDS],
     /// How each board's clock lies on the session's time base; `None` before the first fit.
     pub board_clock: [Option<ClockFit>; BOARDS],
@@ -165,11 +165,11 @@ pub struct Reach {
     pub state: ReachState,
     /// How far from the goal the pressures at their bounds bring the tip, m (0 when reachable).
     pub distance_m: f64,
-    /// The goal where it is reachable, else a point near it that is, with pressure to spare, m.
+    /// The goal where it is reachable, else a point near it that is, with pressure to spare; in the base frame, m.
     pub nearest_m: [f64; 3],
-    /// Chamber (1-based) and its pressure (Pa) that stands in the way, if one does.
+    /// Chamber (1-based) and its gauge pressure (Pa) that stands in the way; `None` if none does.
     pub limiting_chamber: Option<(usize, f64)>,
-    /// Pressures that bring the tip as near to the goal as they can, Pa.
+    /// Gauge pressures of chambers 1 to 6 that bring the tip as near to the goal as they can, Pa.
     pub chamber_pa: [f64; super::CHAMBERS],
 }
 
@@ -189,9 +189,9 @@ pub struct RoutineStatus {
     pub legs_done: usize,
     /// Legs in all.
     pub legs: usize,
-    /// Along a path: index of the waypoint travelled to, counted over all laps, and of the last one.
+    /// Along a path: index of the waypoint travelled to, counted over all laps, and of the last one; `None` off a path.
     pub waypoint: Option<(usize, usize)>,
-    /// Where the tip shall be now.
+    /// Where the tip shall be now; `None` while the plan prescribes no such point.
     pub via: Option<Via>,
 }
 
@@ -229,8 +229,8 @@ pub enum StreamState {
 pub struct Snapshot {
     /// The instant.
     pub stamp: Stamp,
-    /// Simulated time per real time over the last seconds, where the twin keeps beside real time on simulated time.
-    /// Not kept in recordings.
+    /// Simulated time per real time over the last seconds, where the twin keeps beside real time on simulated time; else
+    /// `None`. Not kept in recordings.
     pub real_time_factor: Option<f64>,
     /// What the twin is doing.
     pub mode: Mode,
@@ -252,13 +252,13 @@ pub struct Snapshot {
     pub routine: Option<RoutineStatus>,
     /// The goal under preview with its verdict, if any.
     pub preview: Option<(Goal, Reach)>,
-    /// Shape by the twin's own model at the pressures that the verdict on the preview found; none until it is
+    /// Shape by the twin's own model at the pressures that the verdict on the preview found; `None` until it is
     /// solved. Not kept in recordings.
     pub preview_shape: Option<Arc<ArmShape>>,
     /// The sensor signals the inner loop steers to, if it does.
     pub sensor_ref: Option<SensorRef>,
-    /// How much more the segments give way to pressure than the plant map has it, as learned by the controller.
-    /// Not kept in recordings.
+    /// Gain of each segment (upper first) over the plant map, as learned by the controller: above 1 it gives way more
+    /// to pressure than the map has it. Not kept in recordings: `None` in a snapshot that was read.
     pub plant_gains: Option<[f64; 2]>,
     /// How long the controller took, s, if it solved in this tick and is timed. Not kept in recordings.
     pub solve_s: Option<f64>,
