@@ -14,7 +14,8 @@ use crate::sim::rod::{PointMass, Viscosity};
 use crate::sim::sensors::bends_rad;
 use crate::sim::{Inputs, Model, Observation, SimError, State, observe, settle, step_overdamped};
 
-/// Runs a trajectory. Effects act in the order of the table, whatever the order of `effects`.
+/// Runs a trajectory. Effects act in the order of the table, whatever the order of `effects`. `payload_kg` is the mass in the
+/// gripper.
 ///
 /// # Errors
 /// [`EffectError`] when the trajectory is empty or uneven, or the arm finds no equilibrium.
