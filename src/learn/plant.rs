@@ -63,7 +63,7 @@ impl PlantNet {
         &self.bounds
     }
 
-    /// The signals without their derivative.
+    /// The 24 signals (m, rad) without their derivative.
     pub fn value(&self, chamber_pa: &[f64; CHAMBERS], payload_kg: f64) -> SVector<f64, SIGNALS> {
         SVector::from_column_slice(&self.kernel.value(&input(chamber_pa, payload_kg)))
     }
