@@ -43,7 +43,7 @@ pub struct Inspection {
     pub rate_hz: f64,
     /// Whether the file was ended properly.
     pub complete: bool,
-    /// For a recording that was cut: session time of the last sample that was recovered, s.
+    /// For a recording that was cut: session time of the last sample that was recovered, s; else `None`.
     pub recovered_until: Option<f64>,
     /// What is missing.
     pub health: FileHealth,

@@ -178,7 +178,7 @@ pub struct SensorFrame {
     pub sensors: SensorVec,
     /// Standard deviation by which each of the 24 signals (order of [`SensorVec::to_vector`]) may be off beyond its usual
     /// noise, m and rad: because it is reconstructed, inconsistent with the others, or its heading has not been confirmed for
-    /// a while; [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones. Recordings do not keep it.
+    /// a while; [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones. Recordings of the first layout and logs do not keep it: 0.
     pub extra_sigma: [f64; SIGNALS],
     /// What the channels that are not [`ChannelHealth::Ok`] delivered in place of what `sensors` has for them.
     pub delivered: Delivered,

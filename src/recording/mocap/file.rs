@@ -39,7 +39,7 @@ pub struct MocapFile {
     pub rotation: Option<MocapRotation>,
     /// Units of lengths and, after a comma, angles in the file. In memory they are m and rad.
     pub units: String,
-    /// The axis that points up, where the format settles it.
+    /// The axis of the file that points up; `None` where the format does not settle it.
     pub up: Option<char>,
     /// Ignored sections and assumptions, one sentence each.
     pub notes: Vec<String>,
