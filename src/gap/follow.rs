@@ -19,7 +19,7 @@ pub(super) struct Follower {
 }
 
 impl Follower {
-    /// With `acting` on top of the robot's own patches.
+    /// With `values` of the calibration parameters, in their order, and `acting` on top of the robot's own patches.
     pub fn new(robot: &RobotSpec, values: Vec<f64>, acting: &[Active]) -> Self {
         let Correction {
             values: all,

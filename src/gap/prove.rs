@@ -91,7 +91,7 @@ pub struct Case<'a> {
     pub selected: &'a Selected,
     /// Significance threshold of a gain, nats.
     pub threshold: f64,
-    /// What the way from command to gauge has shown.
+    /// What the way from command to gauge has shown; `None` without logged commands or a baseline of the supply.
     pub supply: Option<&'a Finding>,
 }
 

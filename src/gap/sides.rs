@@ -12,6 +12,7 @@ use super::{GapError, Progress};
 use crate::robot::RobotSpec;
 
 /// Finding on the path from command to gauge, when the commands were logged: against the supply in order, of the suspect
+/// `None` without a baseline of the supply, or without logged commands that move.
 /// sessions that with the largest error in units of its floor. What it names is tested on the sessions of `prove`.
 pub fn supply(
     robot: &RobotSpec,

@@ -37,9 +37,9 @@ pub struct PressureLog {
     pub hash: String,
     /// Rising times, s.
     pub t_s: Vec<f64>,
-    /// Commanded, Pa.
+    /// Commanded gauge pressures of chambers 1 to 6, Pa.
     pub commanded_pa: Vec<[f64; CHAMBERS]>,
-    /// Measured, Pa.
+    /// Measured ones, Pa.
     pub measured_pa: Vec<[f64; CHAMBERS]>,
     /// What they were given in.
     pub unit: PressureUnit,
@@ -244,7 +244,8 @@ impl PressureGrid {
     }
 }
 
-/// A healthy chamber's regulator and gauge.
+/// A healthy chamber's regulator and gauge: dead time (s), lag (s), gain and offset (Pa) of the gauge, times to fill and to
+/// empty by 10 kPa (s).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regulator(pub [f64; KNOBS]);
 
@@ -291,7 +292,7 @@ pub enum Lag {
     BeforeGauge,
 }
 
-/// What the gauges should read in every bin, Pa.
+/// What the gauges should read in every bin, in the order of the chambers, Pa.
 pub fn gauge_pressures(
     robot: &RobotSpec,
     grid: &PressureGrid,
