@@ -277,8 +277,7 @@ pub struct Traces {
     /// With the effects, m.
     pub after_m: Vec<[f64; 3]>,
     /// Orientation of the end pad in the same frame (quaternion w, x, y, z): measured (not finite where nothing was
-    /// captured),
-    /// without, with.
+    /// captured), without, with.
     pub turns: [Vec<[f64; 4]>; 3],
     /// How a tension that is missing depends on its input; `None` where it was not computed.
     pub tension: Option<Dependence>,

@@ -205,8 +205,7 @@ pub fn residuals(
 }
 
 /// Predicted poses of the tracked body on the end pad in the frame of the motion capture, with the parameters' frame, clock
-/// and
-/// body; the captured poses are compared with them.
+/// and body; the captured poses are compared with them.
 pub fn captured_poses(
     robot: &RobotSpec,
     grid: &Grid,

@@ -1,4 +1,4 @@
-//! Point to point: on the way, at the goal (system S12).
+//! Point to point: on the way, at the goal (paper, section IV-B).
 
 use crate::signal::{Estimate, Goal, Pose, Reach, ReachState, Stamp, Vector6, pose_error};
 
@@ -41,7 +41,7 @@ fn chamber_text(reach: &Reach) -> String {
 pub enum GotoState {
     /// On the way.
     Moving {
-        /// Since when the smoothed error has been within tolerance.
+        /// Since when the smoothed error has been within tolerance; `None` while it is not.
         within_since: Option<Stamp>,
     },
     /// There, and kept there.

@@ -83,7 +83,7 @@ impl AirWatch {
         self.adrift_s.iter().any(|s| *s > 0.0)
     }
 
-    /// The chamber that is far from its set pressure and does not come nearer, if one has been for long enough.
+    /// The chamber that is far from its set pressure and does not come nearer; `None` while none has been for long enough.
     pub fn adrift(&self) -> Option<Short> {
         let newest = self.past.back()?;
         let chamber = (0..CHAMBERS).find(|i| self.adrift_s[*i] >= ADRIFT_S)?;
