@@ -20,7 +20,7 @@ pub struct Analysis {
     rows: usize,
     /// The pairs.
     pub scored: Arc<Vec<Scored>>,
-    /// Statistics of each error.
+    /// Statistics of each error, in the order and units of [`Scored::error`]; `None` without pairs.
     pub stats: [Option<Stats>; 8],
     /// Spans without ground truth within the scope, s.
     pub occlusions: Vec<[f64; 2]>,
@@ -114,7 +114,7 @@ pub struct Scores {
 }
 
 impl Scores {
-    /// What is scored, once it is.
+    /// What is scored; `None` until it is.
     pub fn shown(&self) -> Option<&Analysis> {
         self.shown.as_ref()
     }

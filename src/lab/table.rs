@@ -241,7 +241,7 @@ impl Table {
     }
 }
 
-/// Three significant digits or so; a dash for none.
+/// Three significant digits or so; a dash for `None`.
 pub fn number(x: Option<f64>) -> String {
     match x {
         None => "–".to_owned(),

@@ -38,7 +38,7 @@ pub struct Seeker<'a> {
     pub program: &'a Path,
     /// Its hash.
     pub hash: String,
-    /// Robot file, if not the reference robot.
+    /// Robot file; `None`: the reference robot.
     pub robot_file: Option<&'a Path>,
     /// Longest time, s.
     pub limit_s: f64,

@@ -42,7 +42,7 @@ pub struct Options {
     pub out: PathBuf,
     /// Parts of the suite; all of them if empty.
     pub parts: Vec<Part>,
-    /// Make and solve only this part of the cases, and score nothing.
+    /// Make and solve only this part of the cases, and score nothing; `None`: all of them.
     pub shard: Option<shards::Part>,
     /// Finders at a time; each uses all cores.
     pub jobs: NonZeroUsize,
@@ -52,7 +52,7 @@ pub struct Options {
     pub seconds: f64,
     /// Noise beyond that of the sensors, per cent of what each channel moves by.
     pub noise_percent: f64,
-    /// Program that finds; this program without it.
+    /// Program that finds; `None`: this program.
     pub finder: Option<PathBuf>,
     /// Look for laws instead of naming effects, and prove them on a third session.
     pub discover: bool,

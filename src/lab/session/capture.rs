@@ -19,7 +19,7 @@ impl Captured {
         self.poses.push((stamp_s, pose));
     }
 
-    /// Newest stamp, s.
+    /// Newest stamp, s; `None` before the first pose.
     pub fn newest_s(&self) -> Option<f64> {
         self.newest_s
     }

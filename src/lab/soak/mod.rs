@@ -187,7 +187,7 @@ impl Drop for Folder {
 pub struct Endured {
     /// All figures.
     pub report: Report,
-    /// The bounds that were missed, as one sentence.
+    /// The bounds that were missed, as one sentence; `None` if none was.
     pub missed: Option<String>,
 }
 
