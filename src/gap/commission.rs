@@ -621,6 +621,10 @@ pub(super) fn masked(rows: &[Row], present: &[bool; CHANNELS]) -> Vec<Row> {
 }
 
 /// ∂(predicted row)/∂(calibration parameter), one series per parameter, by differences.
+/// `values` are those of the calibration parameters, in their order.
+///
+/// # Errors
+/// [`EffectError`] when the arm finds no equilibrium.
 pub fn sensitivities(
     robot: &RobotSpec,
     grid: &Grid,

@@ -45,6 +45,9 @@ impl Follower {
     }
 
     /// Goes on through the instants of a course of times and pressures that come after the first `from`.
+    ///
+    /// # Errors
+    /// [`EffectError`] when the arm finds no equilibrium.
     pub fn go_on(
         &mut self,
         course: (&[f64], &[[f64; CHAMBERS]]),

@@ -96,6 +96,7 @@ pub fn strongest(sessions: &[ResidualForces]) -> Option<Dependence> {
 
 /// Residual tensions of sessions on the robot as it is, patches included, with what is known of the rig in order;
 /// `None`: the factory model.
+///
 /// # Errors
 /// [`GapError`] when the arm cannot follow a session, or the baseline is of another robot.
 pub fn residual_forces(

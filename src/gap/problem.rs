@@ -80,6 +80,9 @@ impl Run<'_> {
     }
 
     /// How the arm moves with effects; `None` as the healthy one where none of them acts on its motion.
+    ///
+    /// # Errors
+    /// [`EffectError`] when the arm finds no equilibrium with them.
     pub fn moved(
         &self,
         robot: &RobotSpec,

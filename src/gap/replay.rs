@@ -65,8 +65,7 @@ pub(super) fn pad_from_body(values: &[f64]) -> Pose {
 pub type Row = [f64; CHANNELS];
 
 /// Moves the arm of these calibration parameters (`values`, in their order), with `effects`, through the grid's measured
-/// pressures.
-/// Both act on top of the robot's own patches.
+/// pressures. Both act on top of the robot's own patches.
 ///
 /// # Errors
 /// [`EffectError::Sim`] when the arm finds no equilibrium.

@@ -12,8 +12,11 @@ use super::{GapError, Progress};
 use crate::robot::RobotSpec;
 
 /// Finding on the path from command to gauge, when the commands were logged: against the supply in order, of the suspect
-/// `None` without a baseline of the supply, or without logged commands that move.
 /// sessions that with the largest error in units of its floor. What it names is tested on the sessions of `prove`.
+/// `None` without a `baseline` of the supply (`None`), or without logged commands that move.
+///
+/// # Errors
+/// [`GapError`] when a log of pressures cannot be judged, numbers are not finite, or the work is stopped.
 pub fn supply(
     robot: &RobotSpec,
     baseline: Option<&LineBaseline>,

@@ -162,6 +162,9 @@ impl Table {
     }
 
     /// Writes NAME.json, NAME.md and NAME.svg.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         let write = |ending: &str, text: &str| {
             let path = folder.join(format!("{}.{ending}", self.name));

@@ -155,7 +155,10 @@ impl LogMap {
         })
     }
 
-    /// From its text; the error is a sentence.
+    /// A map from its text.
+    ///
+    /// # Errors
+    /// One sentence: what is wrong, with line and column for syntax.
     pub fn from_toml(text: &str) -> Result<Self, String> {
         let map: Self = toml::from_str(text).map_err(|e| toml_error(text, &e))?;
         map.check()?;
