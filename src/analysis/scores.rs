@@ -119,7 +119,7 @@ impl Scores {
         self.shown.as_ref()
     }
 
-    /// As [`Self::shown`], to sort the errors into bins.
+    /// As [`Self::shown`], to sort the errors into bins. `None` until it is scored.
     pub fn shown_mut(&mut self) -> Option<&mut Analysis> {
         self.shown.as_mut()
     }

@@ -185,7 +185,7 @@ impl Headless {
         }
     }
 
-    /// Processes one tick of the twin, and the answer to the last [`Ask`] once it is there.
+    /// Processes one tick of the twin, and the answer to the last [`Ask`] (`None` while it is not there).
     pub fn tick(&mut self, snapshot: &Snapshot, events: &[Event], answer: Option<Answer>) -> Turn {
         self.wizard.observe(snapshot, &self.robot);
         events.iter().for_each(|event| self.wizard.hear(event));

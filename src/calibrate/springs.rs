@@ -135,7 +135,7 @@ impl SpringTake {
         }
     }
 
-    /// The curve, if it passed.
+    /// The curve as that of spring `i` (0-based); `None` unless it passed, and for readings of a circuit.
     pub fn calibration(&self, i: usize) -> Option<SpringCalibration> {
         let (curve, quality) = self.fitted.as_ref()?.as_ref().ok()?;
         (!self.circuit).then(|| SpringCalibration {
@@ -149,7 +149,7 @@ impl SpringTake {
         })
     }
 
-    /// SHA-256 of the log that the points come from, if they come from one.
+    /// SHA-256 of the log that the points come from; `None` if they come from none.
     pub fn log_sha256(&self) -> Option<&str> {
         self.log_sha256.as_deref()
     }

@@ -242,8 +242,8 @@ impl Store {
         }
     }
 
-    /// The instruments that were `named`; without a calibration among them, with that of the active version and what was saved
-    /// with it. And why the active version is not used, if so.
+    /// The instruments that were `named`; without a calibration among them, with that of the active version and what was
+    /// saved with it. And why the active version is not used; `None` if it is, or there is none.
     pub fn complete(&self, named: Instruments, is_virtual: bool) -> (Instruments, Option<String>) {
         let mut out = named;
         if out.calibration.is_some() {

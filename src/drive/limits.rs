@@ -37,7 +37,7 @@ pub fn over_limits(
 pub(super) struct LimitWatch<'a> {
     robot: &'a RobotSpec,
     last: Option<PressureCommand>,
-    /// The first violation.
+    /// The first violation; `None` without one.
     pub violation: Option<String>,
 }
 

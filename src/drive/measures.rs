@@ -48,13 +48,13 @@ pub struct MoveMeasures {
     pub final_deg: Option<f64>,
     /// When the true tip came within 1 mm (and 1°) and stayed there, s; `None`: never.
     pub settled_s: Option<f64>,
-    /// The same in control steps.
+    /// The same in control steps; `None`: never.
     pub steps: Option<usize>,
     /// Share of the steered steps with a chamber set to its bound.
     pub saturated_ratio: f64,
 }
 
-/// Of the rows of one move, from the moment it set out.
+/// Of the rows of one move, from the moment it set out. `None` without rows.
 pub fn of_move(rows: &[Row], goal: &Goal, robot: &RobotSpec) -> Option<MoveMeasures> {
     let (first, last) = (rows.first()?, rows.last()?);
     let error = |r: &Row| {
@@ -99,9 +99,9 @@ pub fn of_move(rows: &[Row], goal: &Goal, robot: &RobotSpec) -> Option<MoveMeasu
 pub struct PathMeasures {
     /// True distance from each waypoint when its time was over, mm.
     pub at_waypoints_mm: Vec<f64>,
-    /// The same from the path itself, at every tick, mm.
+    /// The same from the path itself, at every tick, mm; `None` without ground truth.
     pub off_path: Option<ErrorStats>,
-    /// Statistics of `at_waypoints_mm`.
+    /// Statistics of `at_waypoints_mm`; `None` where that is empty.
     pub spread: Option<ErrorStats>,
     /// Share of the steered steps with a chamber set to its bound.
     pub saturated_ratio: f64,
@@ -207,8 +207,8 @@ pub fn solve_micros(rows: &[Row]) -> Option<[f64; 2]> {
     (!us.is_empty()).then(|| [quantile(&us, 0.5), quantile(&us, 0.95)])
 }
 
-/// How far the springs of the references are off what any pressures can make (by the twin's own
-/// plant), mm: norm over the twelve, mean over a sample of the rows.
+/// How far the springs of the references are off what any pressures can make (by the twin's own plant), mm: norm over the
+/// twelve, mean over a sample of the rows. `None` where no row has set pressures and references.
 pub fn off_manifold_mm(driven: &Driven, robot: &RobotSpec) -> Option<f64> {
     let (plant, payload_kg) = (driven.plant.as_ref(), driven.declared_kg);
     let far: Vec<f64> = driven

@@ -183,7 +183,8 @@ impl SerialRig {
         })
     }
 
-    /// Starts a rig process of this program behind a pseudo-terminal and opens its port.
+    /// Starts a rig process of this program behind a pseudo-terminal, on the robot of `robot_file` (`None`: the shipped one),
+    /// and opens its port.
     ///
     /// # Errors
     /// When the process cannot be started or does not name its port.

@@ -211,7 +211,7 @@ impl Confirmed {
 }
 
 impl FoldChoice {
-    /// Whether it chose an effect on a channel (1-based).
+    /// Whether it chose an effect on a channel (1-based; `None`: all of them, or there are none).
     pub fn chose(&self, id: &str, target: Option<usize>) -> bool {
         self.effects.iter().any(|(i, t)| i == id && *t == target)
     }
@@ -426,6 +426,7 @@ pub struct Finding {
     #[serde(default)]
     pub embargo_s: f64,
     /// When it began, where the session shows that it was not there from the start: all else is of the session from then on.
+    /// Else `None`.
     #[serde(default)]
     pub onset: Option<Onset>,
     /// What each fold of the held-out proof chose.

@@ -71,7 +71,7 @@ fn confirmed(
     Ok((!sessions.is_empty()).then(|| Confirmed::of(sessions, gap, Vec::new(), "")))
 }
 
-/// Whether the way from command to gauge has already named it.
+/// Whether the way from command to gauge (`None`: nothing is known of it) has already named it.
 pub fn named_by(supply: Option<&Finding>, c: &Candidate) -> bool {
     let target = c.target.map(|t| t + 1);
     supply.is_some_and(|f| {

@@ -21,7 +21,7 @@ pub const FILES: [&str; 5] = [
     "errors.svg",
 ];
 
-/// Writes [`FILES`] into a folder.
+/// Writes [`FILES`] into a folder; `path` is drawn beside the way of the tip, with `None` nothing is.
 ///
 /// # Errors
 /// When nothing was driven, or a file cannot be written.

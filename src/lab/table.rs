@@ -107,12 +107,12 @@ impl Table {
         }
     }
 
-    /// Adds a row of ours.
+    /// Adds a row of ours: one figure per column, `None` where there is none.
     pub fn ours(&mut self, label: impl Into<String>, cells: Vec<Option<f64>>) {
         self.row(label, Source::Simulated, cells);
     }
 
-    /// Adds a row of the paper's.
+    /// Adds a row of the paper's: figures of the first columns, `None` where there is none.
     pub fn paper(&mut self, label: impl Into<String>, mut cells: Vec<Option<f64>>) {
         let width = self.columns.len();
         cells.resize(width, None);

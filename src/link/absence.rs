@@ -35,7 +35,8 @@ impl Absence {
     }
 
     /// Notes that the port `name` has not opened for this reason, while there are `present`; what there is to report, if
-    /// anything. Rights come a moment after a device: only what has kept two tries from succeeding is reported, once.
+    /// anything. Rights come a moment after a device: only what has kept two tries from succeeding is reported, once. Else
+    /// `None`.
     pub fn note(&mut self, name: &str, refused: &str, present: &[PortInfo]) -> Option<String> {
         let is_there = Path::new(name).exists() || present.iter().any(|p| p.name == name);
         let reason = match is_there {

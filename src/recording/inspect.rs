@@ -47,7 +47,7 @@ pub struct Inspection {
     pub recovered_until: Option<f64>,
     /// What is missing.
     pub health: FileHealth,
-    /// Whether the data are simulated; unknown for session logs.
+    /// Whether the data are simulated; `None` for session logs, of which it is not known.
     pub simulated: Option<bool>,
     /// Mass the operator declared, kg.
     pub payload_kg: f64,

@@ -55,7 +55,7 @@ pub fn read(
     }
 }
 
-/// Length per tick of the gate at this count, m; zero where that is unknown.
+/// Length per tick of the gate at this count, m; zero where that is unknown, and without a calibration (`None`).
 pub fn resolution_m(
     calibration: Option<&SpringCalibration>,
     counts: u32,

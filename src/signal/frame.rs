@@ -138,9 +138,10 @@ pub enum Swap {
 /// What channels that are not right delivered nevertheless; `None` for the others, and where nothing came.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Delivered {
-    /// Length per spring, m; in the order of [`SensorVec::spring_m`].
+    /// Length per spring, m, in the order of [`SensorVec::spring_m`]; `None` for a channel that is right or delivered
+    /// nothing.
     pub spring_m: [Option<f64>; SPRINGS],
-    /// Yaw, pitch, roll of the pad per IMU, base from pad, rad.
+    /// Yaw, pitch, roll of the pad per IMU, base from pad, rad; `None` likewise.
     pub imu_ypr_rad: [Option<[f64; 3]>; IMUS],
 }
 

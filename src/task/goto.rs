@@ -96,8 +96,8 @@ impl Goto {
         &self.state
     }
 
-    /// Takes note of an estimate; returns the arrival in the one update in which the goal becomes
-    /// reached. Estimates that are not finite or not newer are ignored.
+    /// Takes note of an estimate; returns the arrival in the one update in which the goal becomes reached, else `None`.
+    /// Estimates that are not finite or not newer are ignored.
     pub fn update(&mut self, estimate: &Estimate) -> Option<Arrival> {
         let (error, dt_s) = self.smooth(estimate)?;
         let (ratio, distance_m) = tolerance_ratio(&error, &self.goal);

@@ -72,8 +72,8 @@ impl Seeker<'_> {
         command
     }
 
-    /// Has the verdict of a case written, unless this very program has written it before. A finder
-    /// that fails is a verdict too; it is tried again the next time.
+    /// Has the verdict of a case written, unless this very program has written it before. A finder that fails is a verdict
+    /// too; it is tried again the next time. `without` names an effect that it must not use; `None`: it may use all.
     ///
     /// # Errors
     /// When the verdict cannot be written, or something lies in the folder that does not belong there.

@@ -113,7 +113,8 @@ struct Run<'a> {
     scored: Vec<Scored>,
 }
 
-/// Makes the cases, has them solved, and scores them unless they are a shard.
+/// Makes the cases, has them solved, and scores them unless they are a shard. `robot_file` is the file of `robot`; `None`: it
+/// is the reference robot.
 ///
 /// # Errors
 /// When there is no case to run, or a file or process fails; a case that no rig can hold is left out.

@@ -191,7 +191,7 @@ pub struct Endured {
     pub missed: Option<String>,
 }
 
-/// Runs the twin against a rig with faults.
+/// Runs the twin against a rig with faults. `robot_file` is the file of `robot`; `None`: it is the reference robot.
 ///
 /// # Errors
 /// When the rig cannot be set up, or no data come from it.

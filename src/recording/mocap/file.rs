@@ -50,7 +50,7 @@ pub struct MocapFile {
 pub struct MocapObject {
     /// Name as in the file, `Subject:Object`.
     pub name: String,
-    /// Motion capture's world from the object, m, per frame.
+    /// Motion capture's world from the object, m, per frame; `None` is a gap.
     pub poses: Vec<Option<Pose>>,
 }
 
@@ -59,7 +59,7 @@ pub struct MocapObject {
 pub struct MocapMarker {
     /// Name as in the file, `Subject:Marker`.
     pub name: String,
-    /// Position in the motion capture's world, m, per frame.
+    /// Position in the motion capture's world, m, per frame; `None` is a gap.
     pub positions_m: Vec<Option<Vector3<f64>>>,
 }
 

@@ -189,7 +189,7 @@ impl Windows {
         }
     }
 
-    /// Adds a frame; the window that it completes, if it does. A frame that is not newer than the last one is ignored.
+    /// Adds a frame; gives the window that it completes, else `None`. A frame that is not newer than the last one is ignored.
     pub fn push(&mut self, raw: &RawFrame) -> Option<Window> {
         let mut sums = match self.sums.take() {
             Some(sums) if raw.stamp <= sums.last => {

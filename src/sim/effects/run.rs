@@ -54,8 +54,9 @@ pub fn simulate(
     Ok(out)
 }
 
-/// Pressures for the commands `commanded_pa`: the pressure effects alone, no arm. The limits of the pumps, Pa/s, are applied by
-/// effects that depend on them; those that are left in the result are not applied yet.
+/// Gauge pressures for the commands `commanded_pa` (gauge, Pa): the pressure effects alone, no arm. The limits of the pumps,
+/// Pa/s (fill, empty; `None`: none is known), are applied by effects that depend on them; those that are left in the result
+/// are not applied yet.
 pub fn gauges(
     robot: &RobotSpec,
     t_s: &[f64],

@@ -95,8 +95,8 @@ impl AirWatch {
         })
     }
 
-    /// Takes in a frame of `stamp`: gauge pressures and what they should be (Pa), middle and end pad (base from
-    /// pad). Gives the chamber that is short of air for the longest, if one is for long enough.
+    /// Takes in a frame of `stamp`: gauge pressures and what they should be (Pa), middle and end pad (base from pad). Gives
+    /// the chamber that is short of air for the longest, if one is for long enough. Else `None`.
     pub fn update(
         &mut self,
         robot: &RobotSpec,
