@@ -289,7 +289,7 @@ pub struct ReportFacts {
     pub origin: String,
     /// First and last instant scored, s.
     pub range_s: [f64; 2],
-    /// Spans without ground truth, s.
+    /// Spans without ground truth, from and to, s.
     pub occlusions: Vec<[f64; 2]>,
     /// Poses of motion capture without a prediction at their instant.
     pub excluded: usize,

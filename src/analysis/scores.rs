@@ -22,7 +22,7 @@ pub struct Analysis {
     pub scored: Arc<Vec<Scored>>,
     /// Statistics of each error, in the order and units of [`Scored::error`]; `None` without pairs.
     pub stats: [Option<Stats>; 8],
-    /// Spans without ground truth within the scope, s.
+    /// Spans without ground truth within the scope, from and to, s.
     pub occlusions: Vec<[f64; 2]>,
     /// Poses of ground truth within the scope that no estimate goes with.
     pub excluded: usize,

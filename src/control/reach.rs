@@ -38,7 +38,7 @@ impl From<&GuessSample> for StartSample {
 }
 
 impl StartSample {
-    /// What the maps make of these pressures.
+    /// What the maps make of these gauge pressures of chambers 1 to 6.
     pub fn predicted(
         chamber_pa: [f64; CHAMBERS],
         payload_kg: f64,

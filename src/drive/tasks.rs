@@ -30,7 +30,8 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// The path of that shape.
+    /// The path of that shape about `centre_m` (base frame); `size_m` is the radius of the circle or half the length of the
+    /// 8.
     pub fn path(self, centre_m: [f64; 3], size_m: f64, waypoints: usize) -> Path {
         match self {
             Self::Circle => circle(centre_m, size_m, waypoints),
@@ -73,7 +74,7 @@ pub struct PickPlaceMeasures {
     pub saturated_ratio: f64,
 }
 
-/// Of the plan's drive.
+/// Of the plan's drive; the basket is at `basket_m` in the base frame.
 pub fn of_pick_place(
     driven: &Driven,
     plan: &Plan,

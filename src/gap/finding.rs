@@ -93,7 +93,7 @@ pub struct GapSize {
 }
 
 impl GapSize {
-    /// From the errors before and after, and of a healthy session.
+    /// From the errors before and after, and of a healthy session, in this order and in `unit`.
     pub fn of([before, after, floor]: [f64; 3], unit: &str) -> Self {
         Self {
             before,
@@ -274,7 +274,7 @@ pub struct Traces {
     pub measured_m: Vec<[f64; 3]>,
     /// Simulated without the effects, in the frame of the motion capture, m.
     pub before_m: Vec<[f64; 3]>,
-    /// With the effects, m.
+    /// The same with the effects, m.
     pub after_m: Vec<[f64; 3]>,
     /// Orientation of the end pad in the same frame (quaternion w, x, y, z): measured (not finite where nothing was
     /// captured), without, with.
@@ -372,7 +372,7 @@ impl Explained {
         [low - margin, high + margin]
     }
 
-    /// Ends of the line on which all of the residual is explained, within both ranges.
+    /// Ends of the line on which all of the residual is explained, within both ranges, lower end first.
     pub fn line(&self) -> [f64; 2] {
         let [x, y] = [self.range(0), self.range(1)];
         [x[0].max(y[0]), x[1].min(y[1])]

@@ -211,7 +211,7 @@ const HOLE_S: f64 = 0.5;
 /// Nor for this long afterwards, s: what friction and rubber remember of a motion that is not known.
 const SETTLE_S: f64 = 3.0;
 
-/// Spans of a session in which some pressure is missing for too long, with the time after them, s.
+/// Spans of a session in which some pressure is missing for too long, with the time after them, from and to, s.
 pub fn holes(
     t_s: &[f64],
     known: impl Fn(usize, usize) -> bool,
@@ -279,7 +279,7 @@ impl Measured {
 pub struct Grid {
     /// Where it is from.
     pub session: Session,
-    /// Gap-free measured gauge pressures at the session's own times, Pa.
+    /// Gap-free measured gauge pressures per chamber at the session's own times, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
     /// First sample of each bin, and the end.
     pub first: Vec<usize>,
@@ -291,7 +291,7 @@ pub struct Grid {
     pub captured: Vec<Option<Pose>>,
     /// Which channels (order of [`CHANNELS`]) hold enough data.
     pub present: [bool; CHANNELS],
-    /// Spans that are left out because pressures are missing, s.
+    /// Spans that are left out because pressures are missing, from and to, s.
     pub holes_s: Vec<[f64; 2]>,
 }
 

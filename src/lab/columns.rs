@@ -7,7 +7,7 @@ pub fn pose_names() -> [String; 6] {
     ["x_mm", "y_mm", "z_mm", "yaw_deg", "pitch_deg", "roll_deg"].map(str::to_owned)
 }
 
-/// See [`pose_names`].
+/// Values of [`pose_names`]: mm, then degrees.
 pub fn pose_values(pose: &Pose) -> [f64; 6] {
     let p = pose.translation.vector * 1e3;
     let [yaw, pitch, roll] = ypr_from_rotation(&pose.rotation).map(f64::to_degrees);

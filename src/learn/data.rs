@@ -81,7 +81,7 @@ pub fn data_hash(data: &Dataset) -> String {
     hex(&hash.finalize())
 }
 
-/// A pose as x, y, z in m, then yaw, pitch, roll in rad.
+/// A pose, base from tip, as x, y, z in m, then yaw, pitch, roll in rad.
 pub fn pose_vector(pose: &Pose) -> Vector6 {
     let t = pose.translation.vector;
     let [yaw, pitch, roll] = ypr_from_rotation(&pose.rotation);

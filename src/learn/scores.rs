@@ -156,12 +156,12 @@ impl PoseScores {
     }
 }
 
-/// A pose from x, y, z in m and yaw, pitch, roll in rad, in this order.
+/// A pose, base from tip, from x, y, z in m and yaw, pitch, roll in rad, in this order.
 pub fn to_pose(p: &Vector6) -> Pose {
     pose_from_ypr([p[0], p[1], p[2]], [p[3], p[4], p[5]])
 }
 
-/// Predicted minus true: x, y, z in m, then yaw, pitch, roll within ±π, rad.
+/// Predicted minus true, base from tip: x, y, z in m, then yaw, pitch, roll within ±π, rad.
 pub fn pose_residual(predicted: &Vector6, truth: &Pose) -> Vector6 {
     let mut e = predicted - pose_vector(truth);
     for k in 3..6 {

@@ -44,9 +44,9 @@ pub struct AsuArmLog {
     pub hash: String,
     /// Rising times, s.
     pub t_s: Vec<f64>,
-    /// Desired, Pa.
+    /// Desired, of chambers 1 to 6, Pa.
     pub commanded_pa: Vec<[f64; CHAMBERS]>,
-    /// Measured, Pa.
+    /// Measured, of chambers 1 to 6, Pa.
     pub measured_pa: Vec<[f64; CHAMBERS]>,
     /// Tracked bodies on base, middle and end, frame of the cameras from body; `None` where there is no whole pose.
     pub bodies: Vec<[Option<Pose>; BODIES]>,

@@ -156,7 +156,7 @@ pub struct RobotSpec {
     pub area_m2: [f64; CHAMBERS],
     /// Axial stiffness of each bellows, N/m.
     pub axial_stiffness_n_m: [f64; CHAMBERS],
-    /// What resists a segment's motion beside its three bellows.
+    /// What resists a segment's motion beside its three bellows, upper segment first.
     pub segments: [SegmentSpec; 2],
     /// Bounds of the commanded pressure.
     pub pressure: PressureLimits,

@@ -41,9 +41,9 @@ pub type RotationPerLength = SMatrix<f64, 3, LEGS>;
 /// The six legs of one segment.
 #[derive(Clone, Debug)]
 pub struct Segment {
-    /// Upper ends in the frame of the face above, m.
+    /// Upper ends in the frame of the face above, in the order of the springs, m.
     pub top_m: [Vector3<f64>; LEGS],
-    /// Lower ends in the frame of the pad below, m.
+    /// Lower ends in the frame of the pad below, in the order of the legs, m.
     pub bottom_m: [Vector3<f64>; LEGS],
     /// Distance of the faces at rest, m.
     pub rest_m: f64,
@@ -61,7 +61,7 @@ pub struct Known {
 /// Where springs end and IMUs sit, by the calibration.
 #[derive(Clone, Debug)]
 pub struct Geometry {
-    /// The segments by themselves.
+    /// The segments by themselves, upper one first.
     pub segments: [Segment; 2],
     /// Upper ends of all springs, in the frame of the base or of the middle pad's upper face, m.
     pub top_m: [Vector3<f64>; 2 * LEGS],
@@ -185,12 +185,12 @@ impl Segment {
         segment
     }
 
-    /// The pose at rest: straight down.
+    /// The pose at rest, upper from lower: straight down.
     pub fn rest(&self) -> Pose {
         Translation3::new(0.0, 0.0, -self.rest_m).into()
     }
 
-    /// Spring lengths at a pose, in the order of the legs, m.
+    /// Spring lengths at a pose, upper from lower, in the order of the legs, m.
     pub fn lengths_m(&self, upper_from_lower: &Pose) -> [f64; LEGS] {
         std::array::from_fn(|i| self.leg(upper_from_lower, i).0.norm())
     }
@@ -247,7 +247,7 @@ fn information(jacobian: &Matrix6<f64>, known: &Known) -> Matrix6<f64> {
     normal
 }
 
-/// Finds the pose that fits the known lengths (and rotation, if given), starting from `start`.
+/// Finds the pose, upper from lower, that fits the known lengths (and rotation, if given), starting from `start`.
 ///
 /// With fewer than six legs and no rotation, what is not measured stays as it was in `start`.
 pub fn solve(segment: &Segment, known: &Known, start: &Pose) -> Solution {
@@ -309,7 +309,7 @@ pub fn solve(segment: &Segment, known: &Known, start: &Pose) -> Solution {
     solution
 }
 
-/// A solution to start from: the found one if it hangs below, else the rest pose.
+/// A solution to start from, upper from lower: the found one if it hangs below, else the rest pose.
 pub fn plausible(segment: &Segment, found: &Solution) -> Pose {
     let z_m = found.upper_from_lower.translation.vector.z;
     if found.converged && z_m < 0.0 && z_m > -4.0 * segment.rest_m {

@@ -12,9 +12,9 @@ pub const BOARDS: usize = 2;
 /// One reading of an inertial measurement unit, in its own axes (IMU frame: x, y, z).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ImuRaw {
-    /// Angular rate, rad/s.
+    /// Angular rate about x, y, z of the IMU, rad/s.
     pub gyro_rad_s: [f64; 3],
-    /// Specific force, m/s² (about +9.81 on the upward axis at rest).
+    /// Specific force along x, y, z of the IMU, m/s² (about +9.81 on the upward axis at rest).
     pub accel_m_s2: [f64; 3],
 }
 

@@ -175,7 +175,7 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// [`Self::nearest_m`] in whole mm, for texts; without a negative zero.
+    /// [`Self::nearest_m`] (base frame) in whole mm, for texts; without a negative zero.
     pub fn nearest_mm(&self) -> [f64; 3] {
         self.nearest_m.map(|v| (v * 1e3).round() + 0.0)
     }

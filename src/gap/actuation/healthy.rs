@@ -319,8 +319,8 @@ impl LineModel<'_> {
         })
     }
 
-    /// Fits the regulators with these effects at work, about the ideal supply; gives their
-    /// covariances.
+    /// Fits the regulators with these effects at work, about the ideal supply; gives their covariances, in the order of the
+    /// chambers.
     ///
     /// # Errors
     /// [`GapError::Degenerate`] when numbers are not finite.

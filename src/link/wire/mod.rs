@@ -245,7 +245,7 @@ pub const NO_RIG: u32 = u32::MAX;
 pub struct Sample {
     /// Oscillator periods within the gate (about 11,000 in 8 ms), per spring 1 to 12.
     pub spring_counts: [u16; SPRINGS],
-    /// Measured gate length, ticks (about 16,000).
+    /// Measured gate length per spring, ticks (about 16,000).
     pub spring_gate_ticks: [u16; SPRINGS],
     /// Angular rate about the IMU's own x, y, z, [`GYRO_STEP_RAD_S`].
     pub gyro: [[i16; 3]; IMUS],

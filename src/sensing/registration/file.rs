@@ -15,7 +15,7 @@ const OFFSET_MAX_S: f64 = 3.2e9;
 /// A transform and its one sigma, in the worst direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
-    /// The transform.
+    /// The transform, as the name of the field that holds it states.
     pub pose: Pose,
     /// One sigma; 0 where it was held.
     pub sigma: Noise,

@@ -144,9 +144,9 @@ pub struct Trajectory {
 /// Result of a run, one entry per instant of the trajectory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Simulated {
-    /// Gauge pressure in the chambers, Pa.
+    /// Gauge pressure in the chambers, 1 to 6, Pa.
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
-    /// Gauge readings, Pa.
+    /// Gauge readings per chamber, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
     /// The 24 signals as read.
     pub sensors: Vec<SensorVec>,

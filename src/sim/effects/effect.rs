@@ -283,9 +283,9 @@ impl Call<'_> {
 /// Pressures behind the pumps, one entry per instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// In the chambers, Pa.
+    /// Gauge pressure in the chambers, 1 to 6, Pa.
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
-    /// Gauge readings, Pa.
+    /// Gauge readings per chamber, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
     /// How fast each pump fills and empties its chamber at most, Pa/s; `None` where that is not known or an effect has
     /// applied it already.

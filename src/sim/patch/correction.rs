@@ -184,7 +184,7 @@ impl SensorErrors {
         out
     }
 
-    /// Spring readings at these lengths, m.
+    /// Spring readings at these lengths, both in the order of the springs, m.
     pub fn read_springs(&self, spring_m: &[f64; SPRINGS]) -> [f64; SPRINGS] {
         std::array::from_fn(|i| self.spring[i][0] * spring_m[i] + self.spring[i][1])
     }

@@ -97,7 +97,7 @@ pub struct Section {
     pub length_m: f64,
     /// Rigidity against (κx, κy, κz) in N m² and (vx, vy, vz) in N, about the reference strain.
     pub rigidity: [f64; 6],
-    /// Reference strain (κ in 1/m, v).
+    /// Reference strain (κx, κy, κz in 1/m, vx, vy, vz).
     pub rest: [f64; 6],
     /// Bellows.
     pub bellows: Vec<Bellows>,
