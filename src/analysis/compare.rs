@@ -77,7 +77,7 @@ impl NoMatch {
     }
 }
 
-/// The shift between two recordings, each by the same channels in the same order.
+/// The shift between two recordings, each by the same channels in the same order. Instants are in s, values in one unit.
 ///
 /// # Errors
 /// [`NoMatch`] when no shift stands out.
@@ -325,7 +325,7 @@ pub enum Wrap {
     Turn,
 }
 
-/// A − B at the instants of A: B is moved by `offset_s` and taken between its samples. Nothing where B
+/// A − B at the instants of A: B is moved by `offset_s` (s) and taken between its samples. Nothing where B
 /// has none within half a second.
 pub fn difference(a: &[[f64; 2]], b: &[[f64; 2]], offset_s: f64, wrap: Wrap) -> Samples {
     let mut next = 0;

@@ -11,7 +11,7 @@ pub struct Findings {
     rows: usize,
     /// What it does not hold.
     pub missing: Vec<String>,
-    /// Its log; without one the changes of mode.
+    /// Its log; of a recording without one the changes of mode.
     pub events: Vec<LoggedEvent>,
 }
 

@@ -26,7 +26,7 @@ pub const LIVE_ROWS: usize = 600_000;
 /// Time a live history keeps at most, s: the longest window of the plots.
 pub const LIVE_S: f64 = 600.0;
 
-/// A signal over time. Indices count from 0.
+/// A signal over time. Indices count from 0. Poses are in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Channel {
     /// Length of a spring, mm.
@@ -117,14 +117,14 @@ impl Channel {
     }
 }
 
-/// x, y, z in mm, then yaw, pitch, roll in deg.
+/// Base from tip as x, y, z in mm, then yaw, pitch, roll in deg.
 pub fn pose_for_display(pose: &Pose) -> [f64; 6] {
     let t = pose.translation.vector;
     let [yaw, pitch, roll] = ypr_from_rotation(&pose.rotation).map(f64::to_degrees);
     [t.x * 1e3, t.y * 1e3, t.z * 1e3, yaw, pitch, roll]
 }
 
-/// Differences of two [`pose_for_display`], angles within ±180 deg.
+/// Differences of two [`pose_for_display`] (mm, deg), angles within ±180 deg.
 pub fn display_difference(actual: &[f64; 6], wanted: &[f64; 6]) -> [f64; 6] {
     std::array::from_fn(|i| {
         let d = actual[i] - wanted[i];
@@ -269,7 +269,7 @@ impl History {
         self.len() == 0
     }
 
-    /// Instants of the first and last row, s.
+    /// Instants of the first and last row, s; `None` without a row.
     pub fn range_s(&self) -> Option<[f64; 2]> {
         let n = self.len();
         (n > 0).then(|| [self.rows.time(0), self.rows.time(n - 1)])
@@ -451,7 +451,7 @@ impl History {
         }
     }
 
-    /// Instant (s) of a channel's newest value at or before `to_s`.
+    /// Instant (s) of a channel's newest value at or before `to_s`; `None` where there is none.
     pub fn last_before(&self, channel: Channel, to_s: f64) -> Option<f64> {
         self.rows.last_before(channel.column(), to_s)
     }
@@ -461,7 +461,7 @@ impl History {
         self.rows.gaps(channel.column(), from_s, to_s, gap_s)
     }
 
-    /// The newest value of a channel at or before `to_s`, looking back at most 2 s.
+    /// The newest value of a channel at or before `to_s`, looking back at most 2 s; `None` where there is none.
     pub fn value_at(&self, channel: Channel, to_s: f64) -> Option<f64> {
         self.rows
             .rows(to_s - 2.0, to_s)

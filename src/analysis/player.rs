@@ -35,7 +35,7 @@ impl Near {
         self.range_s[0] <= from_s && to_s <= self.range_s[1]
     }
 
-    /// Its signals, where they cover a span of time.
+    /// Its signals; `None` where they do not cover a span of time.
     pub fn history(&self, range_s: [f64; 2]) -> Option<&History> {
         let (_, history) = self.part.as_ref().filter(|_| self.covers(range_s))?;
         Some(history)
@@ -158,13 +158,13 @@ impl Player {
         &trace.snapshots[newest]
     }
 
-    /// The part of a long recording that was read at its full rate.
+    /// The part of a long recording that was read at its full rate; `None` where none was.
     pub fn near(&self) -> Option<&Arc<Near>> {
         self.near.as_ref()
     }
 
     /// What shall be read at the full rate when so much of a long recording is shown and the position rests: its file, and
-    /// from when to when, s. Nothing when it was read, when all snapshots are here, and when much is shown.
+    /// from when to when, s. `None` when it was read, when all snapshots are here, and when much is shown.
     pub fn wants_near(&self, [from_s, to_s]: [f64; 2]) -> Option<(&Path, [f64; 2])> {
         self.about.apart_s?;
         let path = self.about.path.as_deref()?;

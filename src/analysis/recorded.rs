@@ -43,9 +43,9 @@ pub struct LoggedEvent {
 /// What is known about a recording besides its snapshots.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct About {
-    /// Where it is.
+    /// Where it is; `None` where it is from no file.
     pub path: Option<PathBuf>,
-    /// When it began, as recorded: local date and time with their offset from UTC.
+    /// When it began, as recorded: local date and time with their offset from UTC; `None` where that is not known.
     pub begun: Option<String>,
     /// The operator's note.
     pub note: String,
@@ -59,9 +59,9 @@ pub struct About {
     pub gaps: u64,
     /// The longest step in time, s.
     pub longest_step_s: f64,
-    /// How far apart the snapshots are at least, s, where a long recording has more than are in memory.
+    /// How far apart the snapshots are at least, s, where a long recording has more than are in memory; else `None`.
     pub apart_s: Option<f64>,
-    /// For a file that was cut: session time of the last record that could be read.
+    /// For a file that was cut: session time of the last record that could be read; else `None`.
     pub cut_at: Option<Stamp>,
 }
 
@@ -107,7 +107,7 @@ impl From<Trace> for Loaded {
     }
 }
 
-/// Origin of data: `simulated`, `hardware` or `origin unknown`.
+/// Origin of data: `simulated`, `hardware` or `origin unknown` (`None`).
 pub fn origin_name(simulated: Option<bool>) -> &'static str {
     match simulated {
         Some(true) => "simulated",

@@ -22,7 +22,7 @@ pub struct Scored {
     /// Predicted minus measured: x, y, z in mm, yaw, pitch, roll in deg, the length of the translation
     /// error in mm and the angle of the rotation error in deg.
     pub error: [f64; 8],
-    /// Predicted position, mm.
+    /// Predicted position in the base frame, mm.
     pub tip_mm: [f64; 3],
     /// Predicted speed, mm/s; `None` where the prediction has a gap.
     pub speed_mm_s: Option<f64>,
@@ -31,7 +31,7 @@ pub struct Scored {
 }
 
 impl Scored {
-    /// Measured position, mm.
+    /// Measured position in the base frame, mm.
     pub fn truth_mm(&self) -> [f64; 3] {
         std::array::from_fn(|k| self.tip_mm[k] - self.error[k])
     }
@@ -289,11 +289,11 @@ pub struct ReportFacts {
     pub origin: String,
     /// First and last instant scored, s.
     pub range_s: [f64; 2],
-    /// Spans without ground truth, s.
+    /// Spans without ground truth, from and to, s.
     pub occlusions: Vec<[f64; 2]>,
     /// Poses of motion capture without a prediction at their instant.
     pub excluded: usize,
-    /// Published mean absolute errors, in the order of [`Scored::error`].
+    /// Published mean absolute errors, in the order of [`Scored::error`]; `None` where none is published.
     pub paper: [Option<f64>; 8],
     /// Frame transform and clocks: one sentence each.
     pub frames: Vec<String>,

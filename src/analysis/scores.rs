@@ -20,9 +20,9 @@ pub struct Analysis {
     rows: usize,
     /// The pairs.
     pub scored: Arc<Vec<Scored>>,
-    /// Statistics of each error.
+    /// Statistics of each error, in the order and units of [`Scored::error`]; `None` without pairs.
     pub stats: [Option<Stats>; 8],
-    /// Spans without ground truth within the scope, s.
+    /// Spans without ground truth within the scope, from and to, s.
     pub occlusions: Vec<[f64; 2]>,
     /// Poses of ground truth within the scope that no estimate goes with.
     pub excluded: usize,
@@ -114,12 +114,12 @@ pub struct Scores {
 }
 
 impl Scores {
-    /// What is scored, once it is.
+    /// What is scored; `None` until it is.
     pub fn shown(&self) -> Option<&Analysis> {
         self.shown.as_ref()
     }
 
-    /// As [`Self::shown`], to sort the errors into bins.
+    /// As [`Self::shown`], to sort the errors into bins. `None` until it is scored.
     pub fn shown_mut(&mut self) -> Option<&mut Analysis> {
         self.shown.as_mut()
     }

@@ -15,7 +15,7 @@ use crate::signal::SPRINGS;
 pub struct BenchRequest {
     /// Springs to draw, 0-based.
     pub springs: Vec<usize>,
-    /// Spring (0-based) whose plug sits loose, if one does.
+    /// Spring (0-based) whose plug sits loose; `None`: none.
     pub loose: Option<usize>,
     /// Seed of the noise: another one for every run.
     pub seed: u64,
@@ -24,7 +24,7 @@ pub struct BenchRequest {
 /// State of the virtual rig's bench between two runs.
 #[derive(Clone, Debug)]
 pub struct PracticeBench {
-    /// Spring (0-based) whose plug sits loose until it is drawn again by itself.
+    /// Spring (0-based) whose plug sits loose until it is drawn again by itself; `None`: none.
     pub loose: Option<usize>,
     runs: u64,
 }
@@ -36,7 +36,7 @@ impl Default for PracticeBench {
 }
 
 impl PracticeBench {
-    /// A bench on which the plug of spring `loose` (0-based) sits loose.
+    /// A bench on which the plug of spring `loose` (0-based; `None`: of no spring) sits loose.
     pub fn with_loose(loose: Option<usize>) -> Self {
         Self { loose, runs: 0 }
     }

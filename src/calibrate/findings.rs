@@ -51,7 +51,7 @@ pub struct Finding {
     pub measured: String,
     /// Its limit.
     pub limit: String,
-    /// What to do where it was refused: one sentence.
+    /// What to do where it was refused, one sentence; else `None`.
     pub todo: Option<String>,
 }
 

@@ -110,9 +110,9 @@ pub enum Answer {
 pub struct Turn {
     /// Commands for the twin.
     pub commands: Vec<Command>,
-    /// What is waited for from now on.
+    /// What is waited for from now on; `None`: nothing new.
     pub ask: Option<Ask>,
-    /// The attempt that ended.
+    /// The attempt that ended; `None` if none did.
     pub attempt: Option<Attempt>,
 }
 
@@ -177,7 +177,7 @@ impl Headless {
         &self.attempts
     }
 
-    /// Once it is over, whether every step passed, or why not: one sentence.
+    /// Whether every step passed, or why not: one sentence; `None` until it is over.
     pub fn result(&self) -> Option<&Result<(), String>> {
         match &self.stage {
             Stage::Over(result) => Some(result),
@@ -185,7 +185,7 @@ impl Headless {
         }
     }
 
-    /// Processes one tick of the twin, and the answer to the last [`Ask`] once it is there.
+    /// Processes one tick of the twin, and the answer to the last [`Ask`] (`None` while it is not there).
     pub fn tick(&mut self, snapshot: &Snapshot, events: &[Event], answer: Option<Answer>) -> Turn {
         self.wizard.observe(snapshot, &self.robot);
         events.iter().for_each(|event| self.wizard.hear(event));

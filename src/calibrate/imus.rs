@@ -98,7 +98,7 @@ struct Running {
 /// All IMUs.
 #[derive(Default)]
 pub struct ImusTake {
-    /// Per IMU.
+    /// Per IMU, 1 to 4.
     pub imus: [ImuTake; IMUS],
     running: Option<Box<Running>>,
     base_tilt_rad: [f64; 2],
@@ -111,7 +111,7 @@ impl ImusTake {
         self.running.is_some()
     }
 
-    /// Tilt of the base that belongs to the IMUs that passed: level from base = exp((x, y, 0)), rad.
+    /// Tilt of the base that belongs to the IMUs that passed: level from base = exp((x, y, 0)), a rotation vector in rad.
     pub fn base_tilt_rad(&self) -> [f64; 2] {
         self.base_tilt_rad
     }
@@ -121,7 +121,7 @@ impl ImusTake {
         &self.open
     }
 
-    /// Begins to capture `which` with the springs of `base`; their former samples are discarded.
+    /// Begins to capture the IMUs marked in `which` with the springs of `base`; their former samples are discarded.
     pub fn begin(&mut self, which: [bool; IMUS], robot: &RobotSpec, base: &Calibration) {
         let springs = Arc::new(base.springs.clone());
         for (take, _) in self.imus.iter_mut().zip(which).filter(|(_, w)| *w) {

@@ -47,7 +47,7 @@ impl MocapTake {
         &self.pairs
     }
 
-    /// What has changed since the poses were captured, if they were read with another calibration than `draft`.
+    /// What has changed since the poses were captured, if they were read with another calibration than `draft`; else `None`.
     pub fn outdated(&self, draft: &Calibration) -> Option<&'static str> {
         let any = |f: &dyn Fn(&Calibration) -> bool| self.kept.iter().any(|(_, c)| f(c));
         if any(&|c| c.springs != draft.springs) {
@@ -67,12 +67,13 @@ impl MocapTake {
         }
     }
 
-    /// The registration fitted to the poses, once there are any.
+    /// The registration fitted to the poses; `None` before there are any.
     pub fn fit(&self) -> Option<&Result<FrameFit, RegistrationError>> {
         self.fit.as_ref()
     }
 
-    /// The registration for the file: chained to the one that the poses were already transformed by, if any.
+    /// The registration for the file: chained to `in_use`, by which the poses were already transformed (`None`: by none).
+    /// `None` without a fit that succeeded.
     pub fn registration(
         &self,
         in_use: Option<&Registration>,
@@ -190,7 +191,7 @@ impl MocapTake {
         }
     }
 
-    /// Removes pair `i`.
+    /// Removes pair `i` (0-based).
     pub fn remove(&mut self, i: usize) {
         if i < self.pairs.len() {
             self.pairs.remove(i);

@@ -8,7 +8,8 @@ const SPEED_M_S: f64 = 5e-3;
 /// Speed along the path for the IMUs, m/s.
 const ALL_SIDES_M_S: f64 = 8e-3;
 
-/// A slow rose of four petals that tilts both pads to all sides, far and through upright in between, for the IMUs.
+/// A slow rose of four petals that tilts both pads to all sides, far and through upright in between, for the IMUs. Always
+/// `Some`: its path has waypoints.
 pub fn all_sides() -> Option<Plan> {
     Plan::follow(Follow {
         path: rose(0.08, 96),
@@ -53,7 +54,7 @@ pub fn poses() -> Plan {
     }
 }
 
-/// A figure 8 that no other step uses, for the validation.
+/// A figure 8 that no other step uses, for the validation. Always `Some`: its path has waypoints.
 pub fn held_out() -> Option<Plan> {
     Plan::follow(Follow {
         path: figure_eight([0.005, -0.005, -0.29], 0.06, 60),

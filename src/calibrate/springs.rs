@@ -32,7 +32,7 @@ pub enum Verdict {
     Redo {
         /// Why: one sentence.
         why: String,
-        /// Errors of the refused curve, where they are known.
+        /// Errors of the refused curve; `None` where they are not known.
         quality: Option<FitQuality>,
     },
 }
@@ -70,7 +70,7 @@ impl SpringTake {
         &self.points
     }
 
-    /// Parts of the range that were visited, by index: on the way up, on the way down.
+    /// Parts of the range (shortest and longest length, m) that were visited, by index: on the way up, on the way down.
     pub fn coverage(&self, range_m: [f64; 2]) -> [[bool; CELLS]; 2] {
         let mut seen = [[false; CELLS]; 2];
         let width_m = (range_m[1] - range_m[0]) / CELLS as f64;
@@ -135,7 +135,7 @@ impl SpringTake {
         }
     }
 
-    /// The curve, if it passed.
+    /// The curve as that of spring `i` (0-based); `None` unless it passed, and for readings of a circuit.
     pub fn calibration(&self, i: usize) -> Option<SpringCalibration> {
         let (curve, quality) = self.fitted.as_ref()?.as_ref().ok()?;
         (!self.circuit).then(|| SpringCalibration {
@@ -149,7 +149,7 @@ impl SpringTake {
         })
     }
 
-    /// SHA-256 of the log that the points come from, if they come from one.
+    /// SHA-256 of the log that the points come from; `None` if they come from none.
     pub fn log_sha256(&self) -> Option<&str> {
         self.log_sha256.as_deref()
     }
@@ -177,16 +177,17 @@ impl HandReading {
 /// All springs.
 #[derive(Clone, Debug, Default)]
 pub struct SpringsTake {
-    /// Per spring.
+    /// Per spring, 1 to 12.
     pub springs: [SpringTake; SPRINGS],
-    /// The reading by hand in progress.
+    /// The reading by hand in progress; `None`: none is.
     pub hand: Option<HandReading>,
-    /// Result of the last reading by hand or log: whether it failed, and one sentence.
+    /// Result of the last reading by hand or log: whether it failed, and one sentence; `None` before the first.
     pub notice: Option<(bool, String)>,
 }
 
 impl SpringsTake {
-    /// Takes the springs `only` (0-based) from a log and replaces their points.
+    /// Takes the springs `only` (0-based) from a log and replaces their points; `needed_m` are the shortest and the longest
+    /// length in use.
     pub fn take_log(&mut self, log: &BenchLog, only: &[usize], needed_m: [f64; 2]) {
         let mut taken = Vec::new();
         for (number, points) in &log.springs {
@@ -226,7 +227,7 @@ impl SpringsTake {
         };
     }
 
-    /// Discards the points of one spring, to capture it again.
+    /// Discards the points of one spring (0-based), to capture it again.
     pub fn discard(&mut self, i: usize) {
         let redone = self.springs[i].redone + 1;
         self.springs[i] = SpringTake {
@@ -235,7 +236,7 @@ impl SpringsTake {
         };
     }
 
-    /// Begins a reading by hand: spring `i` is at `length_m`.
+    /// Begins a reading by hand: spring `i` (0-based) is at `length_m`.
     pub fn begin_hand(&mut self, i: usize, length_m: f64) {
         self.notice = None;
         self.hand = Some(HandReading {

@@ -46,12 +46,12 @@ impl Step {
         self as usize
     }
 
-    /// The previous step.
+    /// The previous step; `None` before the first.
     pub fn back(self) -> Option<Self> {
         Self::ALL.get(self.index().checked_sub(1)?).copied()
     }
 
-    /// The next step.
+    /// The next step; `None` after the last.
     pub fn next(self) -> Option<Self> {
         Self::ALL.get(self.index() + 1).copied()
     }

@@ -72,9 +72,9 @@ struct Entry {
 pub struct VersionFiles {
     /// What `--calibration` takes.
     pub calibration: PathBuf,
-    /// What `--registration` takes, where motion capture was registered.
+    /// What `--registration` takes; `None` where motion capture was not registered.
     pub registration: Option<PathBuf>,
-    /// What `--networks` takes, where networks were learned with it.
+    /// What `--networks` takes; `None` where no networks were learned with it.
     pub networks: Option<PathBuf>,
 }
 
@@ -183,7 +183,7 @@ impl Store {
         Ok(index.version.iter().rev().map(version).collect())
     }
 
-    /// Files of the active version, if there is one.
+    /// Files of the active version; `None` if there is none.
     ///
     /// # Errors
     /// When the list or the files cannot be read.
@@ -196,7 +196,7 @@ impl Store {
         Ok(Some(self.files(index.active)))
     }
 
-    /// The registration of the active version, if there is one.
+    /// The registration of the active version; `None` if there is none.
     ///
     /// # Errors
     /// When the list or the file cannot be read.
@@ -204,7 +204,7 @@ impl Store {
         self.registration(self.index()?.active)
     }
 
-    /// Files of the newest version that can be read, if there is one.
+    /// Files of the newest version that can be read; `None` if there is none.
     pub fn last_good(&self) -> Option<VersionFiles> {
         let index = self.index().ok()?;
         let mut numbers = index.version.iter().rev().map(|e| e.number);
@@ -242,8 +242,8 @@ impl Store {
         }
     }
 
-    /// The instruments that were `named`; without a calibration among them, with that of the active version and what was saved
-    /// with it. And why the active version is not used, if so.
+    /// The instruments that were `named`; without a calibration among them, with that of the active version and what was
+    /// saved with it. And why the active version is not used; `None` if it is, or there is none.
     pub fn complete(&self, named: Instruments, is_virtual: bool) -> (Instruments, Option<String>) {
         let mut out = named;
         if out.calibration.is_some() {

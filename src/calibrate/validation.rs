@@ -23,7 +23,7 @@ pub struct Question {
     pub old: Arc<Calibration>,
     /// The new one.
     pub new: Arc<Calibration>,
-    /// Poses at rest that register motion capture; without them its world is taken to be the robot's base.
+    /// Poses at rest that register motion capture; `None`: its world is taken to be the robot's base frame.
     pub poses: Option<RestPoses>,
 }
 
@@ -83,7 +83,7 @@ pub struct Judgement {
     pub outcome: Outcome,
     /// One sentence with the figures, without a full stop.
     pub text: String,
-    /// Limit of the figure that decided, where there is one.
+    /// Limit of the figure that decided; `None` where none did.
     pub limit: Option<String>,
 }
 
@@ -93,7 +93,7 @@ impl Judgement {
         self.outcome == Outcome::NoWorse
     }
 
-    /// What to do about a validation that did not pass.
+    /// What to do about a validation that did not pass; `None` about one that did.
     pub fn todo(&self) -> Option<&'static str> {
         match self.outcome {
             Outcome::NoWorse => None,

@@ -27,14 +27,14 @@ pub struct Version {
 pub struct Kept {
     /// The calibration.
     pub calibration: Arc<Calibration>,
-    /// The registration of motion capture saved with it, if there is one.
+    /// The registration of motion capture saved with it; `None` if there is none.
     pub registration: Option<Registration>,
-    /// SHA-256 of the networks that were learned with it, if there are any.
+    /// SHA-256 of the networks that were learned with it; `None` if there are none.
     pub networks: Option<String>,
 }
 
 impl Kept {
-    /// That it has networks, with the beginning of their hash, if it has.
+    /// That it has networks, with the beginning of their hash; `None` if it has none.
     pub fn with_networks(&self) -> Option<String> {
         let hash = self.networks.as_deref()?;
         let start = hash.get(..8).unwrap_or(hash);
@@ -49,9 +49,9 @@ pub struct NewVersion {
     pub note: String,
     /// The calibration, with its name.
     pub calibration: Calibration,
-    /// The registration of motion capture, if there is one.
+    /// The registration of motion capture; `None` if there is none.
     pub registration: Option<Registration>,
-    /// Networks that were learned with this calibration: content of their file.
+    /// Networks that were learned with this calibration: content of their file; `None` if there are none.
     pub networks: Option<Vec<u8>>,
 }
 
@@ -60,7 +60,7 @@ pub fn same(a: &Calibration, b: &Calibration) -> bool {
     a.springs == b.springs && a.imus == b.imus && a.base_tilt_rad == b.base_tilt_rad
 }
 
-/// Differences of calibration `new` from `old`, one line each; `range_m` is the range of lengths in use.
+/// Differences of calibration `new` from `old`, one line each; `range_m` is the range of lengths in use, shortest first.
 pub fn changes(old: &Calibration, new: &Calibration, range_m: [f64; 2]) -> Vec<String> {
     let mut lines = Vec::new();
     let (mut changed, mut fresh, mut worst_m) = (Vec::new(), Vec::new(), 0.0_f64);

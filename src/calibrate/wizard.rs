@@ -57,13 +57,13 @@ pub struct Wizard {
     pub before: Arc<Calibration>,
     /// The calibration that the twin uses.
     pub in_use: Arc<Calibration>,
-    /// Sent to the twin, not yet confirmed or refused.
+    /// Sent to the twin, not yet confirmed or refused; `None`: nothing is.
     pub sent: Option<Arc<Calibration>>,
-    /// The last calibration that the twin refused.
+    /// The last calibration that the twin refused; `None`: none was.
     pub refused: Option<Refusal>,
-    /// The last version that was saved, reverted to or cancelled.
+    /// The last version that was saved, reverted to or cancelled; `None`: none was.
     pub asked: Option<Asked>,
-    /// Number of preflight checks that did not pass when they were last made.
+    /// Number of preflight checks that did not pass when they were last made; `None` before they were.
     pub not_passed: Option<usize>,
     /// The springs.
     pub springs: SpringsTake,
@@ -75,7 +75,7 @@ pub struct Wizard {
     pub trial: Arc<Trial>,
     /// Whether the motion is being recorded.
     pub recording: bool,
-    /// The comparison, and the calibration that was compared.
+    /// The comparison, and the calibration that was compared; `None` before there is one.
     pub comparison: Option<(Comparison, Arc<Calibration>)>,
     /// Name of the version to save.
     pub name: String,
@@ -174,7 +174,7 @@ impl Wizard {
         }
     }
 
-    /// The registration of motion capture, if its poses were read with the present draft.
+    /// The registration of motion capture, if its poses were read with the present draft; else `None`.
     pub fn registered(&self) -> Option<&FrameFit> {
         let fit = self.mocap.fit()?.as_ref().ok()?;
         self.mocap.outdated(&self.draft()).is_none().then_some(fit)
@@ -545,8 +545,8 @@ impl Wizard {
 
     /// The version to save.
     ///
-    /// `in_use` is the registration that motion capture was already transformed by. Without poses of this run the
-    /// registration of the active version, `kept`, stays.
+    /// `in_use` is the registration that motion capture was already transformed by (`None`: by none). Without poses of
+    /// this run the registration of the active version, `kept` (`None`: it has none), stays.
     pub fn version(
         &self,
         in_use: Option<&Registration>,

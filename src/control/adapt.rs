@@ -71,7 +71,7 @@ impl PlantGain {
         }
     }
 
-    /// The present gains.
+    /// The present gains, upper segment first; 1 where nothing has been learned.
     pub fn gains(&self) -> [f64; SEGMENTS] {
         self.sums_m2.map(|[zz, zs]| {
             let gain = zs / zz.max(f64::MIN_POSITIVE);
@@ -82,7 +82,7 @@ impl PlantGain {
         })
     }
 
-    /// Takes note of a frame. `plant` is the unadapted map.
+    /// Takes note of a frame. `plant` is the unadapted map, `payload_kg` the mass in the gripper.
     pub fn learn(
         &mut self,
         frame: &SensorFrame,

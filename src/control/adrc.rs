@@ -39,9 +39,9 @@ impl AdrcGains {
 /// The observers' state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adrc {
-    /// ŷ, estimate of the outputs.
+    /// ŷ, estimate of the outputs, in the channels' coordinates.
     pub y: Vector6,
-    /// f̂, estimate of the total disturbances, per second.
+    /// f̂, estimate of the total disturbances, in the same per second.
     pub f: Vector6,
 }
 

@@ -32,7 +32,7 @@ pub struct StepInput<'a> {
     pub eval: &'a PoseEval,
     /// Declared mass in the gripper, kg.
     pub payload_kg: f64,
-    /// The command sent last, if any.
+    /// The command sent last; `None` before the first one: the set pressures start from the measured ones.
     pub previous: Option<&'a PressureCommand>,
     /// The present instant.
     pub stamp: Stamp,
@@ -43,7 +43,7 @@ pub struct StepInput<'a> {
 pub struct Stall {
     /// Distance of the estimate from the goal, m.
     pub distance_m: f64,
-    /// Chamber (1-based) and its set pressure, Pa.
+    /// Chamber (1-based) and its set pressure (gauge), Pa.
     pub chamber: (usize, f64),
 }
 
@@ -53,7 +53,7 @@ pub type Stopwatch = fn() -> std::time::Duration;
 /// The outcome of one tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlOut {
-    /// Set pressures to send, within range and rate of the previous command, Pa.
+    /// Set gauge pressures to send, in the order of the chambers, within range and rate of the previous command, Pa.
     pub wanted_pa: [f64; CHAMBERS],
     /// The signals the inner loop steers to; `None` while holding.
     pub sensor_ref: Option<SensorRef>,
@@ -63,9 +63,9 @@ pub struct ControlOut {
     pub done: bool,
     /// Ticks since the goal was set.
     pub steps: u64,
-    /// Set once the goal proves unreachable from here.
+    /// Set once the goal proves unreachable from here; else `None`.
     pub stall: Option<Stall>,
-    /// Time that the controller took, s, if it solved for something new in this tick and there is a stopwatch.
+    /// Time that the controller took, s; `None` if it solved for nothing new in this tick, or there is no stopwatch.
     pub solve_s: Option<f64>,
 }
 
@@ -171,6 +171,7 @@ impl Controller {
     }
 
     /// Starts to steer to `goal`. `reach` is its verdict: the null-space QP moves spare pressures towards its pressures.
+    /// `None`: there is none yet.
     pub fn set_goal(&mut self, goal: Goal, reach: Option<&Reach>) {
         let reach_pa = reach
             .map(|r| r.chamber_pa)
@@ -194,7 +195,8 @@ impl Controller {
     }
 
     /// Moves on to `goal`, the next waypoint of a path, by way of the point `via`. What the observers know
-    /// stays; there is no initial guess but the present state. Call it in every tick on a path.
+    /// stays; there is no initial guess but the present state. Call it in every tick on a path. With a `via` of `None` it
+    /// steers to `goal` itself.
     pub fn lead(&mut self, goal: Goal, via: Option<Via>) {
         match &mut self.active {
             None => self.set_goal(goal, None),
@@ -217,12 +219,12 @@ impl Controller {
         self.active = None;
     }
 
-    /// The goal it steers to.
+    /// The goal it steers to; `None` while it holds.
     pub fn goal(&self) -> Option<&Goal> {
         self.active.as_ref().map(|a| &a.goal)
     }
 
-    /// Estimated gain of each segment over the plant map.
+    /// Estimated gain of each segment over the plant map, upper segment first.
     pub fn plant_gains(&self) -> [f64; SEGMENTS] {
         self.plant_gain.gains()
     }

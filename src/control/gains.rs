@@ -8,7 +8,7 @@ use crate::signal::ControllerKind;
 /// Where the ADRC (paper) starts the first solution for a goal from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InitialGuess {
-    /// The nearest sample of the training set without a saturated chamber (S11).
+    /// The nearest sample of the training set without a saturated chamber (paper, section IV-B).
     #[default]
     Nearest,
     /// The signals as they are.

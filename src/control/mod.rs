@@ -1,6 +1,7 @@
 //! From a goal to chamber pressures: the sensor-space solver, ADRC, reachability, the controllers.
 //!
-//! Source: the paper, section IV (systems S9 to S12, S16), with errata 4 to 8 applied, and the null-space QP beside it.
+//! Source: the paper, section IV, in the reading that each file states where it cannot be meant as printed, and the
+//! null-space QP beside it.
 //! Everything here works on the learned maps ([`PoseMap`](crate::learn::PoseMap),
 //! [`PlantMap`](crate::learn::PlantMap)) and on measured signals. Absent by design: simulators,
 //! motion capture, clocks, I/O.

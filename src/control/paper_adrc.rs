@@ -1,7 +1,7 @@
-//! ADRC (paper): Algorithm 1 as the outer loop, a six-channel ADRC as the inner loop (systems S9 to S11).
+//! ADRC (paper, section IV): Algorithm 1 as the outer loop, a six-channel ADRC as the inner loop.
 //!
 //! Virtual output y = (B₀ᵀW²B₀)⁻¹ B₀ᵀW² (s − s_ref): the pressures, in Pa, by which the arm is off
-//! its reference. Most s_ref are infeasible (24 signals, 6 chambers, erratum 7); y sees only the
+//! its reference. Most s_ref are infeasible (24 signals, 6 chambers); y sees only the
 //! part of s − s_ref that pressures can change, so y → 0 is the feasible point nearest to s_ref.
 //! Solving again from the *measured* s each outer period then takes the estimated pose itself to
 //! the goal: load and model errors end up in the set pressures, which integrate.

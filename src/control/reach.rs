@@ -19,7 +19,7 @@ use crate::signal::{CHAMBERS, Goal, Matrix6, Reach, ReachState, SensorRef, Vecto
 /// A settled sample of the training set, to start a search from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StartSample {
-    /// Gauge pressure per chamber, Pa.
+    /// Gauge pressure of each chamber, 1 to 6, Pa.
     pub chamber_pa: [f64; CHAMBERS],
     /// The 24 signals, m and rad.
     pub sensors: SensorRef,
@@ -38,7 +38,7 @@ impl From<&GuessSample> for StartSample {
 }
 
 impl StartSample {
-    /// What the maps make of these pressures.
+    /// What the maps make of these gauge pressures of chambers 1 to 6.
     pub fn predicted(
         chamber_pa: [f64; CHAMBERS],
         payload_kg: f64,
@@ -74,7 +74,7 @@ pub struct ReachConfig {
     pub nearest_training_distance_max: f64,
     /// Whether to search for the nearest reachable point where the goal is not: this takes as long again.
     pub proposes: bool,
-    /// Gain of each segment over the plant map.
+    /// Gain of each segment over the plant map, upper segment first.
     pub plant_gains: [f64; SEGMENTS],
     /// How many nearest samples are tried.
     pub starts: usize,

@@ -2,7 +2,7 @@
 //!
 //! r = [w_t (x − x_goal), w_r log(R R_goalᵀ)]; the rotation rows are zero for a position-only goal, and for a
 //! direction R_goal is the nearest rotation that points there, so they have rank two.
-//! Source: paper eq. 4 with erratum 6 (one weight between mm and degrees, SO(3) logarithm).
+//! Source: paper eq. 4, with one weight between mm and degrees and the rotation by the SO(3) logarithm.
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 

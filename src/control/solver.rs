@@ -2,7 +2,7 @@
 //!
 //! O(s) = |r(f(s))|², g = dO/ds; shrink h ← τ h while O(s − h g) > O(s); then expand h ← h/τ while
 //! O keeps falling; commit the best point once. As printed, Algorithm 1 ascends, adds the scalar h
-//! to a vector and inverts its last test (erratum 4).
+//! to a vector and inverts its last test.
 //!
 //! The descent runs in signals divided by their σ, so that metres and radians are comparable: the
 //! step is −h Σ² g with Σ = diag(σ).

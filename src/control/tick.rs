@@ -21,9 +21,9 @@ pub(super) struct Tick<'a> {
     pub goal: &'a Goal,
     /// Whether the goal is a waypoint.
     pub on_path: bool,
-    /// Where the tip shall be now, on the way to the goal, where that leads it.
+    /// Where the tip shall be now, on the way to the goal; `None` where no point leads it.
     pub via: Option<&'a Via>,
-    /// Pressures of the reachability solution.
+    /// Gauge pressures of the reachability solution, in the order of the chambers; `None` without a verdict.
     pub reach_pa: Option<&'a [f64; CHAMBERS]>,
     pub sensors: SensorRef,
     pub eval: &'a PoseEval,

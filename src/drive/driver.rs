@@ -70,7 +70,8 @@ impl<'a> TwinBuilder<'a> {
         }
     }
 
-    /// The file that the robot came from: a rig in a process of its own reads it, too.
+    /// The file that the robot came from: a rig in a process of its own reads it, too. With `None` that rig takes the
+    /// shipped robot.
     pub fn robot_file(mut self, file: Option<&'a Path>) -> Self {
         self.robot_file = file;
         self
@@ -106,7 +107,7 @@ impl<'a> TwinBuilder<'a> {
         self
     }
 
-    /// What happens to a virtual rig in this process.
+    /// What happens to a virtual rig in this process; `None`: nothing.
     pub fn script(mut self, script: Option<Script>) -> Self {
         self.script = script;
         self
@@ -125,13 +126,13 @@ impl<'a> TwinBuilder<'a> {
         self
     }
 
-    /// Keeps a rolling recording of some arms in a folder, from Arm on; without a folder none.
+    /// Keeps a rolling recording of some arms in a folder, from Arm on; with `None` as the folder none.
     pub fn rolling(mut self, folder: Option<RollingFolder>, of: RollingOf) -> Self {
         self.rolling = folder.map(|folder| (folder, of));
         self
     }
 
-    /// Compares the arm with its commissioned twin.
+    /// Compares the arm with its commissioned twin; `None`: not.
     pub fn watch(mut self, watch: Option<Watch>) -> Self {
         self.watch = watch;
         self
@@ -251,7 +252,7 @@ where
 pub struct Ended {
     /// How recording and stream ended.
     pub events: Vec<Event>,
-    /// The live stream as it was, if there was one.
+    /// The live stream as it was; `None` if there was none.
     pub stream: Option<StreamStatus>,
 }
 

@@ -8,7 +8,8 @@ use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, PressureCommand, Snapshot};
 use crate::twin::{Command, Event};
 
-/// The limit that a command violates after the one before it, in range or rate; `None` where it obeys them.
+/// The limit that a command violates after the one before it (`last`), in range or rate; `None` where it obeys them. Without
+/// a `last` command (`None`) only the range is checked.
 pub fn over_limits(
     robot: &RobotSpec,
     last: Option<&PressureCommand>,
@@ -36,7 +37,7 @@ pub fn over_limits(
 pub(super) struct LimitWatch<'a> {
     robot: &'a RobotSpec,
     last: Option<PressureCommand>,
-    /// The first violation.
+    /// The first violation; `None` without one.
     pub violation: Option<String>,
 }
 

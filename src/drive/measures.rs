@@ -20,7 +20,7 @@ const FINAL_S: f64 = 1.0;
 /// One row in so many is asked how far its reference is off what the arm can do.
 const OFF_MANIFOLD_EVERY: usize = 20;
 
-/// `None` of nothing.
+/// Statistics of the values; `None` of nothing.
 pub fn spread(values: Vec<f64>) -> Option<ErrorStats> {
     (!values.is_empty()).then(|| ErrorStats::of(values))
 }
@@ -48,13 +48,13 @@ pub struct MoveMeasures {
     pub final_deg: Option<f64>,
     /// When the true tip came within 1 mm (and 1°) and stayed there, s; `None`: never.
     pub settled_s: Option<f64>,
-    /// The same in control steps.
+    /// The same in control steps; `None`: never.
     pub steps: Option<usize>,
     /// Share of the steered steps with a chamber set to its bound.
     pub saturated_ratio: f64,
 }
 
-/// Of the rows of one move, from the moment it set out.
+/// Of the rows of one move, from the moment it set out. `None` without rows.
 pub fn of_move(rows: &[Row], goal: &Goal, robot: &RobotSpec) -> Option<MoveMeasures> {
     let (first, last) = (rows.first()?, rows.last()?);
     let error = |r: &Row| {
@@ -99,9 +99,9 @@ pub fn of_move(rows: &[Row], goal: &Goal, robot: &RobotSpec) -> Option<MoveMeasu
 pub struct PathMeasures {
     /// True distance from each waypoint when its time was over, mm.
     pub at_waypoints_mm: Vec<f64>,
-    /// The same from the path itself, at every tick, mm.
+    /// The same from the path itself, at every tick, mm; `None` without ground truth.
     pub off_path: Option<ErrorStats>,
-    /// Statistics of `at_waypoints_mm`.
+    /// Statistics of `at_waypoints_mm`; `None` where that is empty.
     pub spread: Option<ErrorStats>,
     /// Share of the steered steps with a chamber set to its bound.
     pub saturated_ratio: f64,
@@ -111,7 +111,7 @@ pub struct PathMeasures {
     pub seconds: f64,
 }
 
-/// Of the rows on a path.
+/// Of the rows on a path; waypoints in the base frame, m.
 pub fn of_path(driven: &Driven, waypoints_m: &[[f64; 3]], robot: &RobotSpec) -> PathMeasures {
     let on_path = driven.rows.iter().filter(|r| r.waypoint.is_some());
     let rows: Vec<&Row> = on_path.collect();
@@ -142,7 +142,7 @@ pub fn of_path(driven: &Driven, waypoints_m: &[[f64; 3]], robot: &RobotSpec) -> 
     }
 }
 
-/// Distance of the true tip from a closed path, mm.
+/// Distance of the true tip from a closed path, both in the base frame, mm.
 pub fn from_path_mm(truth: &Pose, waypoints_m: &[[f64; 3]]) -> f64 {
     let tip = truth.translation.vector;
     let n = waypoints_m.len();
@@ -174,7 +174,7 @@ pub fn saturated_ratio<'a>(rows: impl IntoIterator<Item = &'a Row>, robot: &Robo
     saturated.count() as f64 / steered.len().max(1) as f64
 }
 
-/// Fastest that the true tip moved over any stretch of 0.2 s, mm/s.
+/// Fastest that the true tip moved over any stretch of 0.2 s, mm/s. `None` of rows without ground truth.
 pub fn fastest_mm_s(rows: &[Row]) -> Option<f64> {
     let first = rows.first()?.t_s;
     let mut behind = rows.iter().peekable();
@@ -196,7 +196,7 @@ pub fn fastest_mm_s(rows: &[Row]) -> Option<f64> {
     fastest
 }
 
-/// Times of the controller, µs: median and 95th percentile.
+/// Times of the controller, µs: median and 95th percentile; `None` where it was not timed.
 pub fn solve_micros(rows: &[Row]) -> Option<[f64; 2]> {
     let mut us: Vec<f64> = rows
         .iter()
@@ -207,8 +207,8 @@ pub fn solve_micros(rows: &[Row]) -> Option<[f64; 2]> {
     (!us.is_empty()).then(|| [quantile(&us, 0.5), quantile(&us, 0.95)])
 }
 
-/// How far the springs of the references are off what any pressures can make (by the twin's own
-/// plant), mm: norm over the twelve, mean over a sample of the rows.
+/// How far the springs of the references are off what any pressures can make (by the twin's own plant), mm: norm over the
+/// twelve, mean over a sample of the rows. `None` where no row has set pressures and references.
 pub fn off_manifold_mm(driven: &Driven, robot: &RobotSpec) -> Option<f64> {
     let (plant, payload_kg) = (driven.plant.as_ref(), driven.declared_kg);
     let far: Vec<f64> = driven

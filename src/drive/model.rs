@@ -21,7 +21,7 @@ const UNIT_MODEL: &[u8] = include_bytes!("../../assets/networks/unit-1/reference
 const NETWORKS: SizeLimit = SizeLimit::of_kind(256 << 20, "a file of networks");
 const CALIBRATION: &str = include_str!("../../assets/calibration/virtual-rig.toml");
 
-/// The shipped model, or the one in a file.
+/// The model in a file; `None`: the shipped one.
 ///
 /// # Errors
 /// When the file cannot be read or holds something else.
@@ -35,8 +35,7 @@ pub fn model(path: Option<&Path>) -> Result<Model> {
     }
 }
 
-/// Why networks that were trained for one robot only roughly fit another; nothing if they belong to
-/// it.
+/// Why networks that were trained for one robot only roughly fit another; `None` if they belong to it.
 pub fn trained_for_another(model: &Model, robot: &RobotSpec) -> Option<&'static str> {
     let trained_for = &model.scores.smap.data.robot_hash;
     if *trained_for == robot.hash {
@@ -55,9 +54,9 @@ pub fn trained_for_another(model: &Model, robot: &RobotSpec) -> Option<&'static 
     }
 }
 
-/// The maps for a twin of `robot` on the rig that `rig` names: those in `networks`, else the shipped ones, on the virtual rig
-/// those that its unit 1 was calibrated with, on another one those that were trained on simulation alone. Logs a warning where
-/// they were trained for another robot.
+/// The maps for a twin of `robot` on the rig that `rig` names: those in `networks`, with `None` the shipped ones, on the
+/// virtual rig those that its unit 1 was calibrated with, on another one those that were trained on simulation alone. Logs a
+/// warning where they were trained for another robot.
 ///
 /// # Errors
 /// When the networks do not load, or those of a file were trained for another robot.
@@ -100,7 +99,7 @@ fn short(hash: &str) -> &str {
     hash.get(..8).unwrap_or(hash)
 }
 
-/// The maps of the shipped model, or of the one in a file.
+/// The maps of the model in a file; `None`: of the shipped one.
 ///
 /// # Errors
 /// When the file cannot be read or holds something else.
@@ -108,7 +107,7 @@ pub fn maps(path: Option<&Path>) -> Result<Maps> {
     Ok(model(path)?.into())
 }
 
-/// What the networks make of every row of a log whose sensors are all there: row and estimate.
+/// What the networks make of every row of a log whose sensors are all there: index of the row and estimate.
 pub fn estimates(log: &SessionLog, maps: &Maps) -> impl Iterator<Item = (usize, PoseEval)> {
     log.sensors.iter().enumerate().filter_map(|(k, sensors)| {
         let sensors = sensors.to_vector();
@@ -117,7 +116,7 @@ pub fn estimates(log: &SessionLog, maps: &Maps) -> impl Iterator<Item = (usize, 
     })
 }
 
-/// The shipped calibration of the virtual rig, or the one in a file.
+/// The calibration in a file; `None`: the shipped one of the virtual rig.
 ///
 /// # Errors
 /// When the file cannot be read or holds something else.
@@ -133,7 +132,7 @@ pub fn calibration(path: Option<&Path>) -> Result<Calibration> {
     }
 }
 
-/// Sensing with that calibration, corrected by what the robot's patches say of its sensors.
+/// Sensing with that calibration (`None`: the shipped one), corrected by the sensor errors in the robot's patches.
 ///
 /// # Errors
 /// When the calibration's file cannot be read or holds something else.

@@ -29,7 +29,7 @@ pub struct Drive {
     pub seconds: f64,
     /// How long to go on once the plan is carried out, s.
     pub after_s: f64,
-    /// Where to record.
+    /// Where to record; `None`: nowhere.
     pub record: Option<PathBuf>,
     /// The operator's note on the recording; may be empty.
     pub note: String,
@@ -44,25 +44,26 @@ pub struct Row {
     pub t_s: f64,
     /// Legs done.
     pub legs_done: usize,
-    /// Index of the waypoint travelled to.
+    /// Index of the waypoint travelled to; `None` off a path.
     pub waypoint: Option<usize>,
-    /// Where the tip shall be now.
+    /// Where the tip shall be now; `None` without a goal.
     pub goal: Option<Goal>,
-    /// The point that moves along a path, m.
+    /// The point that moves along a path, in the base frame, m; `None` where none leads.
     pub via_m: Option<[f64; 3]>,
-    /// Where the tip truly is: exactly for a rig in this process, else by motion capture while it sees the tip.
+    /// Where the tip truly is, base from tip: exactly for a rig in this process, else by motion capture; `None` while that
+    /// does not see it.
     pub truth: Option<Pose>,
-    /// The twin's estimate of it.
+    /// The twin's estimate of it, base from tip; `None` before there is one.
     pub estimate: Option<Pose>,
-    /// Set pressures, Pa.
+    /// Set gauge pressures of chambers 1 to 6, Pa; `None` before a command.
     pub set_pa: Option<[f64; CHAMBERS]>,
-    /// Measured pressures, Pa.
+    /// Measured gauge pressures of chambers 1 to 6, Pa.
     pub chamber_pa: [f64; CHAMBERS],
-    /// Measured signals.
+    /// Measured signals, m and rad.
     pub sensors: SensorRef,
-    /// Reference signals.
+    /// Reference signals, m and rad; `None` where no controller has any.
     pub sensor_ref: Option<SensorRef>,
-    /// Time the controller took, s.
+    /// Time the controller took, s; `None` if it did not solve in this tick or was not timed.
     pub solve_s: Option<f64>,
     /// Whether the arm is steered.
     pub steered: bool,
@@ -76,13 +77,13 @@ pub struct Driven {
     pub events: Vec<Event>,
     /// Ticks run and missed.
     pub pace: Pace,
-    /// Frames received and lost.
+    /// Frames received and lost, in this order.
     pub frames: [u64; 2],
-    /// When the plan was carried out, s after it was given.
+    /// When the plan was carried out, s after it was given; `None` if it was not.
     pub finished_s: Option<f64>,
-    /// Why it was refused or stopped.
+    /// Why it was refused or stopped; `None` if it was not.
     pub refused: Option<String>,
-    /// Why the arm went SAFE.
+    /// Why the arm went SAFE; `None` if it did not.
     pub safe: Option<String>,
     /// Whether the rig is simulated.
     pub simulated: bool,
@@ -92,7 +93,8 @@ pub struct Driven {
     pub declared_kg: f64,
     /// The twin's plant.
     pub plant: Arc<dyn PlantMap>,
-    /// What the controller has learned of the arm's stiffness.
+    /// What the controller has learned of the arm's stiffness: gain of each segment over the plant map, upper segment first;
+    /// `None` before the first tick.
     pub plant_gains: Option<[f64; SEGMENTS]>,
 }
 
@@ -205,7 +207,7 @@ impl Observer for Execution<'_> {
 }
 
 /// Carries out a plan. A pressure command beyond range or rate is an error, whoever made it. `observer` looks on and
-/// may end it early.
+/// may end it early; `None`: nobody does.
 ///
 /// # Errors
 /// When the twin cannot be put on the rig, the boards do not get ready, or a limit is violated.

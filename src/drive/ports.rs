@@ -31,7 +31,7 @@ pub fn is_virtual(rig: &str) -> bool {
 /// What belongs to a rig besides its boards.
 #[derive(Clone, Debug, Default)]
 pub struct Instruments {
-    /// Calibration of springs and IMUs; the virtual rig's without it.
+    /// Calibration of springs and IMUs; `None`: the virtual rig's.
     pub calibration: Option<PathBuf>,
     /// Whether hardware may be armed although only the virtual rig's calibration is in use.
     pub accept_virtual_calibration: bool,
@@ -39,14 +39,14 @@ pub struct Instruments {
     pub accept_simulated_boards: bool,
     /// Whether motion goes on when the arm is pushed.
     pub expect_pushes: bool,
-    /// Where motion capture (Vicon Tracker's object stream) is received on this computer; loopback without it.
+    /// Where motion capture (Vicon Tracker's object stream) is received on this computer; `None`: loopback.
     pub mocap_listen: Option<SocketAddr>,
     /// The only senders it is taken from; this computer where there are none.
     pub mocap_from: Vec<IpAddr>,
-    /// File of networks; those that ship for such a rig without it.
+    /// File of networks; `None`: those that ship for such a rig.
     pub networks: Option<PathBuf>,
-    /// File with the place of motion capture's world and object on the robot; without it the object is `end_pad` in
-    /// the robot's base.
+    /// File with the place of motion capture's world and object on the robot; `None`: the object is `end_pad` in the
+    /// robot's base frame.
     pub registration: Option<PathBuf>,
 }
 
@@ -55,7 +55,7 @@ impl Instruments {
         self.mocap_listen.is_none() && self.mocap_from.is_empty() && self.registration.is_none()
     }
 
-    /// Place of motion capture on the robot, if there is a file with it.
+    /// Place of motion capture on the robot; `None` without a file with it.
     ///
     /// # Errors
     /// When the file cannot be read; the error names it.
@@ -136,7 +136,7 @@ pub(super) fn open(
 /// What happens to a virtual rig: it is called with the time (s) after every millisecond.
 pub type Script = Box<dyn FnMut(f64, &mut VirtualRig) + Send>;
 
-/// A port to a virtual rig in this process, on simulated time. `script` sees and disturbs the rig.
+/// A port to a virtual rig in this process, on simulated time. `script` sees and disturbs the rig; `None`: nothing does.
 pub fn in_process(mut rig: VirtualRig, config: Config, mut script: Option<Script>) -> InProcess {
     let far_end = move |t_s: f64, to_rig: &[u8]| {
         let bytes = rig.advance(t_s, to_rig);
@@ -183,7 +183,8 @@ impl SerialRig {
         })
     }
 
-    /// Starts a rig process of this program behind a pseudo-terminal and opens its port.
+    /// Starts a rig process of this program behind a pseudo-terminal, on the robot of `robot_file` (`None`: the shipped one),
+    /// and opens its port.
     ///
     /// # Errors
     /// When the process cannot be started or does not name its port.
@@ -254,7 +255,7 @@ impl SerialRig {
         })
     }
 
-    /// Id of the rig's process, if there is one.
+    /// Id of the rig's process; `None` if there is none.
     pub fn process_id(&self) -> Option<u32> {
         self.rig.as_ref().map(Child::id)
     }

@@ -21,13 +21,13 @@ pub struct Run {
     pub seconds: f64,
     /// Payload that is declared to the twin at the start, kg.
     pub declared_kg: f64,
-    /// Where the tip is steered; without it nothing moves.
+    /// Where the tip is steered; `None`: nothing moves.
     pub target: Option<Goal>,
-    /// Where to record.
+    /// Where to record; `None`: nowhere.
     pub record: Option<PathBuf>,
     /// The operator's note on the recording; may be empty.
     pub note: String,
-    /// The viewer to stream to.
+    /// The viewer to stream to; `None`: none.
     pub viewer: Option<SocketAddr>,
     /// For which causes boards that are SAFE from before may leave it.
     pub reset: Resets,

@@ -22,20 +22,20 @@ pub struct Tally {
     pub rotation_error_deg: RunningStats,
     /// Distance of the true tip from the target with its time, over the last second, mm.
     off_target_mm: VecDeque<(Stamp, f64)>,
-    /// Why the recording ended before the run.
+    /// Why the recording ended before the run; `None` if it did not.
     pub recording_failed: Option<String>,
     /// Whether a goal was reached.
     pub reached: bool,
     /// Control steps to the goal that was reached last.
     pub steps: u64,
-    /// The newest snapshot.
+    /// The newest snapshot; `None` before the first.
     pub last: Option<Arc<Snapshot>>,
-    /// The live stream as it was at the end.
+    /// The live stream as it was at the end; `None` if there was none.
     pub stream: Option<StreamStatus>,
 }
 
 impl Tally {
-    /// Of a run to a target, or without one.
+    /// Of a run to a target, or with `None` without one.
     pub fn new(target: Option<Goal>) -> Self {
         Self {
             target,

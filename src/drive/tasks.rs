@@ -9,11 +9,11 @@ use crate::rig::Object;
 use crate::robot::RobotSpec;
 use crate::task::{Item, Leg, Path, Plan, circle, figure_eight};
 
-/// Centre of the shipped paths, m.
+/// Centre of the shipped paths in the base frame, m.
 pub const PATH_CENTRE_M: [f64; 3] = [0.0, 0.0, -0.31];
 /// Radius of the circle and half the length of the 8, m.
 pub const PATH_SIZE_M: f64 = 0.05;
-/// Position of the basket: the tip lets go there, m.
+/// Position of the basket in the base frame: the tip lets go there, m.
 pub const BASKET_M: [f64; 3] = [0.09, 0.03, -0.30];
 /// How much higher the tip travels with something in the gripper, m.
 pub const LIFT_M: f64 = 0.03;
@@ -30,7 +30,8 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// The path of that shape.
+    /// The path of that shape about `centre_m` (base frame); `size_m` is the radius of the circle or half the length of the
+    /// 8.
     pub fn path(self, centre_m: [f64; 3], size_m: f64, waypoints: usize) -> Path {
         match self {
             Self::Circle => circle(centre_m, size_m, waypoints),
@@ -67,13 +68,13 @@ pub fn fruit() -> Vec<Item> {
 pub struct PickPlaceMeasures {
     /// Number of objects in the basket; `None` where it is unknown.
     pub in_basket: Option<usize>,
-    /// True tip from where it should be when the gripper moves, mm.
+    /// True tip from where it should be when the gripper moves, mm; `None` without ground truth.
     pub at_grips: Option<ErrorStats>,
     /// Share of saturated steps.
     pub saturated_ratio: f64,
 }
 
-/// Of the plan's drive.
+/// Of the plan's drive; the basket is at `basket_m` in the base frame.
 pub fn of_pick_place(
     driven: &Driven,
     plan: &Plan,

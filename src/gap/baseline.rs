@@ -41,15 +41,15 @@ pub struct Commissioned {
     pub sessions: Vec<[String; 2]>,
     /// Time between their samples, s.
     pub period_s: f64,
-    /// Channels that all of them have.
+    /// Channels (order of [`CHANNELS`]) that all of them have.
     pub present: [bool; CHANNELS],
     /// What they lack, one sentence each.
     pub notes: Vec<String>,
     /// The arm.
     pub arm: Baseline,
-    /// The supply, where commands were logged.
+    /// The supply; `None` where no commands were logged.
     pub supply: Option<LineBaseline>,
-    /// How its sessions moved the arm; unknown of a baseline that was kept by an earlier version.
+    /// How its sessions moved the arm; `None` of a baseline that was kept by an earlier version, which does not hold it.
     pub coverage: Option<Coverage>,
 }
 

@@ -8,12 +8,12 @@ use crate::sim::effects::{Active, Effect, Reach, Scene};
 /// Effects that are looked for.
 pub type Table<'a> = &'a [&'static Effect];
 
-/// An effect on a channel (0-based; `None`: all of them, or nothing to choose).
+/// An effect on a channel.
 #[derive(Clone, Copy, Debug)]
 pub struct Candidate {
     /// The effect.
     pub effect: &'static Effect,
-    /// The channel.
+    /// The channel (0-based); `None`: all of them, or nothing to choose.
     pub target: Option<usize>,
 }
 

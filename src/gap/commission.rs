@@ -17,19 +17,19 @@ use crate::sim::effects::{Active, EffectError, Simulated};
 /// A commissioned rig, or the factory model.
 #[derive(Clone, Debug)]
 pub struct Baseline {
-    /// Values of the calibration parameters.
+    /// Values of the calibration parameters, in the order of [`calibration_parameters`](super::calibration_parameters).
     pub values: Vec<f64>,
-    /// Their covariance.
+    /// Their covariance, in their order and units.
     pub covariance: DMatrix<f64>,
-    /// Variance of each from session to session.
+    /// Variance of each from session to session, in their order.
     pub between: DVector<f64>,
     /// Noise model of a healthy session's residuals.
     pub noise: Noise,
     /// The noise floor: root mean square residuals on data that were not fitted.
     pub floor: Rmse,
-    /// The noise floor per channel.
+    /// The noise floor per channel, in the order and units of [`CHANNELS`].
     pub channel_floor: [f64; CHANNELS],
-    /// Residuals of the healthy session, each half with the fit to the other; none for the factory model.
+    /// Residuals of the healthy session, each half with the fit to the other; `None` for the factory model.
     pub healthy: Option<Vec<Row>>,
 }
 
@@ -46,7 +46,7 @@ pub struct Rmse {
     pub imu_rad: Option<f64>,
 }
 
-/// Root mean squares of residual rows, from the end of the start-up on, in rows `pick` chooses.
+/// Root mean squares of residual rows, from the end of the start-up on, in rows that `pick` chooses by their index.
 pub fn rmse(rows: &[Row], pick: impl Fn(usize) -> bool) -> Rmse {
     let group = |channels: std::ops::Range<usize>, per: usize| {
         let (mut sum, mut n) = (0.0, 0usize);
@@ -621,6 +621,10 @@ pub(super) fn masked(rows: &[Row], present: &[bool; CHANNELS]) -> Vec<Row> {
 }
 
 /// ∂(predicted row)/∂(calibration parameter), one series per parameter, by differences.
+/// `values` are those of the calibration parameters, in their order.
+///
+/// # Errors
+/// [`EffectError`] when the arm finds no equilibrium.
 pub fn sensitivities(
     robot: &RobotSpec,
     grid: &Grid,

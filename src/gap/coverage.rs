@@ -43,7 +43,7 @@ impl Coverage {
         all.map(|c| c.iter().copied().collect()).collect()
     }
 
-    /// How far a session goes beyond it: 1 for one like those it is of.
+    /// How far a session goes beyond it, as a factor of its square: 1 for one like those it is of.
     pub fn exceeded_by(&self, session: &Grid) -> f64 {
         let known = &self.0 + DMatrix::identity(DIRECTIONS, DIRECTIONS) * LEAST.powi(2);
         let Some(l) = known.cholesky() else {

@@ -36,9 +36,9 @@ use crate::sim::effects::Trajectory;
 pub struct Possible {
     /// Its name.
     pub name: String,
-    /// After how long it can end, s, rising.
+    /// After how long it can end, s since its beginning, rising.
     pub ends_s: Vec<f64>,
-    /// The pressures that the pumps reach.
+    /// The pressures that the pumps reach, gauge.
     pub pressures: Trajectory,
 }
 

@@ -91,6 +91,9 @@ const TOGETHER: usize = 32;
 
 /// Columns of all starts of all candidates, on top of the effects of `so_far`; with the scores of those that begin later, if one
 /// `begins`.
+///
+/// # Errors
+/// [`GapError`] when the effects so far cannot be simulated.
 pub fn columns(
     problem: &Problem,
     all: &[Candidate],

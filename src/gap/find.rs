@@ -34,7 +34,7 @@ use crate::sim::effects::{Active, Law, Trajectory};
 pub struct Options {
     /// Seed of the resampled sessions behind the significance threshold.
     pub seed: u64,
-    /// Excitations that could discriminate between alternatives, by name: times (s) and pressures (Pa).
+    /// Excitations that could discriminate between alternatives, by name: times (s) and gauge pressures (Pa).
     pub excitations: Vec<(String, Trajectory)>,
     /// Sessions that have no part in the finding, and on which what it names is tested.
     pub prove: Vec<Grid>,

@@ -42,10 +42,11 @@ pub struct FoundEffect {
     pub target: Option<usize>,
     /// Its parameters with 95 % intervals, SI.
     pub params: BTreeMap<String, PatchValue>,
-    /// Place in the list of the effect that this one could be instead of; none for what no other is known to replace.
+    /// Place (0-based) in the list of the effect that this one could be instead of; `None` for what no other is known to
+    /// replace.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instead_of: Option<usize>,
-    /// Share of the held-out folds that chose it, 0..1; none where folds do not choose.
+    /// Share of the held-out folds that chose it, 0..1; `None` where folds do not choose.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub chosen_by: Option<f64>,
 }
@@ -55,7 +56,7 @@ pub struct FoundEffect {
 pub struct Ranked {
     /// Effect.
     pub id: String,
-    /// Its channel (1-based).
+    /// Its channel (1-based); `None`: all of them, or there are none.
     pub target: Option<usize>,
     /// Gain in held-out log-likelihood, nats.
     pub gain: f64,
@@ -92,7 +93,7 @@ pub struct GapSize {
 }
 
 impl GapSize {
-    /// From the errors before and after, and of a healthy session.
+    /// From the errors before and after, and of a healthy session, in this order and in `unit`.
     pub fn of([before, after, floor]: [f64; 3], unit: &str) -> Self {
         Self {
             before,
@@ -145,12 +146,12 @@ pub struct ChannelError {
     pub before: f64,
     /// With them.
     pub after: f64,
-    /// 95 % interval of `after`, from block to block.
+    /// 95 % interval of `after`, from block to block, lower end first.
     pub after_ci95: [f64; 2],
     /// With the effects' response to the session's pressures in another order (r1: with their change half a session late):
-    /// what helps as much as the true one does not depend on them.
+    /// what helps as much as the true one does not depend on them. `None` where that was not computed.
     pub shuffled: Option<f64>,
-    /// Of a healthy session.
+    /// Of a healthy session; `None` where it is not known.
     pub floor: Option<f64>,
 }
 
@@ -173,7 +174,7 @@ pub fn closed_excess(channels: &[ChannelError]) -> f64 {
 pub struct FoldChoice {
     /// Which one (1-based).
     pub fold: usize,
-    /// Ids of the effects with their channels (1-based); empty where nothing gained enough.
+    /// Ids of the effects with their channels (1-based; `None` as in [`Ranked::target`]); empty where nothing gained enough.
     pub effects: Vec<(String, Option<usize>)>,
 }
 
@@ -182,9 +183,9 @@ pub struct FoldChoice {
 pub struct Confirmed {
     /// Names of the sessions.
     pub sessions: Vec<String>,
-    /// Root mean square error of the end pad's position without the effects, mm; none without motion capture.
+    /// Root mean square error of the end pad's position without the effects, mm; `None` without motion capture.
     pub before_mm: Option<f64>,
-    /// The same with them, mm.
+    /// The same with them, mm; `None` likewise.
     pub after_mm: Option<f64>,
     /// Share of the gap that closes.
     pub closed: f64,
@@ -210,7 +211,7 @@ impl Confirmed {
 }
 
 impl FoldChoice {
-    /// Whether it chose an effect on a channel (1-based).
+    /// Whether it chose an effect on a channel (1-based; `None`: all of them, or there are none).
     pub fn chose(&self, id: &str, target: Option<usize>) -> bool {
         self.effects.iter().any(|(i, t)| i == id && *t == target)
     }
@@ -243,7 +244,7 @@ impl FailedFold {
 pub struct Onset {
     /// Most likely time by the session's clock, s.
     pub t_s: f64,
-    /// Its 95 % interval, s.
+    /// Its 95 % interval, begin and end, s.
     pub ci95: [f64; 2],
 }
 
@@ -265,20 +266,20 @@ pub struct Traces {
     pub t_s: Vec<f64>,
     /// Channel names of the rows of `before` and `after`.
     pub channels: Vec<String>,
-    /// Residual per channel and bin without the effects, in units of the floor.
+    /// Residual per channel and bin without the effects, in units of the noise floor.
     pub before: Vec<Vec<f64>>,
     /// With the effects.
     pub after: Vec<Vec<f64>>,
     /// Measured end pad x, y, z in the frame of the motion capture, m; not finite where nothing was captured.
     pub measured_m: Vec<[f64; 3]>,
-    /// Simulated without the effects, in the frame of the motion capture.
+    /// Simulated without the effects, in the frame of the motion capture, m.
     pub before_m: Vec<[f64; 3]>,
-    /// With the effects.
+    /// The same with the effects, m.
     pub after_m: Vec<[f64; 3]>,
-    /// Orientation of the end pad (quaternion w, x, y, z): measured (not finite where nothing was captured),
-    /// without, with.
+    /// Orientation of the end pad in the same frame (quaternion w, x, y, z): measured (not finite where nothing was
+    /// captured), without, with.
     pub turns: [Vec<[f64; 4]>; 3],
-    /// How a tension that is missing depends on its input; only where it was computed.
+    /// How a tension that is missing depends on its input; `None` where it was not computed.
     pub tension: Option<Dependence>,
 }
 
@@ -293,7 +294,7 @@ pub struct Dependence {
     pub share: f64,
     /// Root mean square of the tension, N.
     pub rms_n: f64,
-    /// Input and tension, N, at every instant.
+    /// Input (in its own unit) and tension (N), at every instant.
     pub points: Vec<[f64; 2]>,
 }
 
@@ -371,7 +372,7 @@ impl Explained {
         [low - margin, high + margin]
     }
 
-    /// Ends of the line on which all of the residual is explained, within both ranges.
+    /// Ends of the line on which all of the residual is explained, within both ranges, lower end first.
     pub fn line(&self) -> [f64; 2] {
         let [x, y] = [self.range(0), self.range(1)];
         [x[0].max(y[0]), x[1].min(y[1])]
@@ -425,6 +426,7 @@ pub struct Finding {
     #[serde(default)]
     pub embargo_s: f64,
     /// When it began, where the session shows that it was not there from the start: all else is of the session from then on.
+    /// Else `None`.
     #[serde(default)]
     pub onset: Option<Onset>,
     /// What each fold of the held-out proof chose.
@@ -433,14 +435,14 @@ pub struct Finding {
     /// Folds that could not be computed: they count against the effects.
     #[serde(default)]
     pub failed_folds: Vec<FailedFold>,
-    /// What the effects do in other sessions; none where none was given, or nothing is named.
+    /// What the effects do in other sessions; `None` where none was given, or nothing is named.
     #[serde(default)]
     pub proof: Option<Confirmed>,
-    /// The discriminating excitation for the alternatives.
+    /// The discriminating excitation for the alternatives; `None` where there are none, or none discriminates.
     pub separate_by: Option<SeparateBy>,
     /// What limits the verdict, one sentence each; and for [`Verdict::Unknown`] what was observed.
     pub notes: Vec<String>,
-    /// Names and hashes of the data: baseline and suspect session.
+    /// Names and hashes of the data by role: baseline and suspect session.
     pub data: BTreeMap<String, String>,
     /// Wall time, s.
     pub seconds: f64,

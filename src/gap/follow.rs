@@ -19,7 +19,7 @@ pub(super) struct Follower {
 }
 
 impl Follower {
-    /// With `acting` on top of the robot's own patches.
+    /// With `values` of the calibration parameters, in their order, and `acting` on top of the robot's own patches.
     pub fn new(robot: &RobotSpec, values: Vec<f64>, acting: &[Active]) -> Self {
         let Correction {
             values: all,
@@ -45,6 +45,9 @@ impl Follower {
     }
 
     /// Goes on through the instants of a course of times and pressures that come after the first `from`.
+    ///
+    /// # Errors
+    /// [`EffectError`] when the arm finds no equilibrium.
     pub fn go_on(
         &mut self,
         course: (&[f64], &[[f64; CHAMBERS]]),

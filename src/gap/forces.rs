@@ -94,7 +94,8 @@ pub fn strongest(sessions: &[ResidualForces]) -> Option<Dependence> {
         .max_by(|a, b| newtons(a).total_cmp(&newtons(b)))
 }
 
-/// Residual tensions of sessions on the robot as it is, patches included, with what is known of the rig in order.
+/// Residual tensions of sessions on the robot as it is, patches included, with what is known of the rig in order;
+/// `None`: the factory model.
 ///
 /// # Errors
 /// [`GapError`] when the arm cannot follow a session, or the baseline is of another robot.

@@ -55,7 +55,7 @@ pub fn fitted(rows: &[Row], columns: &[Vec<Row>]) -> Option<Vec<f64>> {
     Some(a.cholesky()?.solve(&b).as_slice().to_vec())
 }
 
-/// The session as its IMUs would have read it without changes of drift, rad/s, at its knots.
+/// The session as its IMUs would have read it without `changes` of drift, rad/s, of each IMU at the session's knots.
 pub fn straightened(grid: &Grid, changes: &[Vec<f64>; IMUS]) -> Grid {
     let mut out = grid.clone();
     let knots = knots(grid);

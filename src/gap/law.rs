@@ -42,7 +42,7 @@ pub struct FoundTerm {
     pub coefficient: f64,
     /// Unit of the coefficient.
     pub unit: String,
-    /// 95 % interval of the coefficient.
+    /// 95 % interval of the coefficient, lower end first; `None` where none is known.
     pub ci95: Option<[f64; 2]>,
     /// Share of the held-out folds that chose it, 0..1.
     pub stability: f64,
@@ -55,7 +55,7 @@ pub struct FoundTerm {
 pub struct FoundLaw {
     /// What it changes.
     pub site: Site,
-    /// Chamber, segment, spring or IMU (1-based); every one, or the whole arm, without it.
+    /// Chamber, segment, spring or IMU (1-based); `None`: every one, or the whole arm.
     pub target: Option<usize>,
     /// In symbols.
     pub equation: String,
@@ -70,7 +70,7 @@ pub struct FoundLaw {
 pub struct Nearest {
     /// The effect.
     pub id: String,
-    /// Its channel (1-based).
+    /// Its channel (1-based); `None`: all of them, or there are none.
     pub target: Option<usize>,
     /// By how much worse it predicts held-out blocks than the law, nats.
     pub worse_by_nats: f64,
@@ -104,11 +104,11 @@ pub struct Discovery {
     pub laws: Vec<FoundLaw>,
     /// Terms that explain it as well in the place of one of those.
     pub alternatives: Vec<FoundLaw>,
-    /// The effect of the table that comes nearest.
+    /// The effect of the table that comes nearest; `None` without a law, or where none was found.
     pub nearest: Option<Nearest>,
     /// The gap before and after.
     pub gap: GapSize,
-    /// What the law does in other sessions; none where none was given, or there is no law.
+    /// What the law does in other sessions; `None` where none was given, or there is no law.
     pub proof: Option<LawProof>,
     /// Where residuals are correlated with something.
     pub located: Vec<Located>,
@@ -127,7 +127,7 @@ pub struct Discovered {
     pub discovery: Discovery,
     /// The law with errors of every channel, as the finder gives them.
     pub found: Found,
-    /// What is known of the rig in order; none without a baseline.
+    /// What is known of the rig in order; `None` without a baseline.
     pub rig: Option<Commissioned>,
 }
 
@@ -291,7 +291,8 @@ fn as_laws(mut patch: Patch) -> Patch {
     patch
 }
 
-/// A term with its numbers as it stands in a patch; `None` for an effect of the table.
+/// A term with its numbers as it stands in a patch, on channel `target` (1-based; `None`: every one). `None` for an effect
+/// of the table.
 pub fn patch_law(
     id: &str,
     target: Option<usize>,

@@ -11,7 +11,7 @@ use super::replay::Row;
 pub struct Misfit {
     /// Innovations of each combination of channels, nuisance projected out.
     pub innovations: Vec<f64>,
-    /// Persistent bias of each channel in units of its healthy size, nuisance projected out.
+    /// Persistent bias of each channel in use in units of its healthy size, nuisance projected out.
     pub bias: Vec<f64>,
     /// Mean square of each channel in units of its healthy size, nuisance as commissioned: a part that
     /// nuisance could absorb counts as gap once an effect explains it.

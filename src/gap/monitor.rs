@@ -183,7 +183,7 @@ impl Monitor {
         self.likely.mute(name, muted)
     }
 
-    /// Takes what was measured; judges once in a second.
+    /// Takes what was measured; judges once in a second and gives the verdict, else `None`.
     pub fn take(&mut self, m: Measured) -> Option<Disagreement> {
         match self.samples.back() {
             Some(last) if m.t_s <= last.t_s || m.t_s - last.t_s >= EVERY_S => self.begin_again(),

@@ -28,7 +28,7 @@ fn kind(c: usize) -> usize {
 /// The whitening of residual rows.
 #[derive(Clone, Debug)]
 pub struct Noise {
-    /// Channels in use.
+    /// Channels in use, by their index (see [`CHANNELS`]).
     pub channels: Vec<usize>,
     /// L⁻¹.
     whiten: DMatrix<f64>,

@@ -50,7 +50,7 @@ impl Patch {
         })
     }
 
-    /// Puts the values of calibration parameters into the patch; nominal ones are omitted.
+    /// Puts the values of calibration parameters, in their order, into the patch; nominal ones are omitted.
     pub fn set_values(&mut self, values: &[f64]) {
         self.rig = calibration_parameters()
             .into_iter()

@@ -80,6 +80,9 @@ impl Run<'_> {
     }
 
     /// How the arm moves with effects; `None` as the healthy one where none of them acts on its motion.
+    ///
+    /// # Errors
+    /// [`EffectError`] when the arm finds no equilibrium with them.
     pub fn moved(
         &self,
         robot: &RobotSpec,
@@ -295,8 +298,8 @@ impl<'a> Replayed<'a> {
 }
 
 impl Replayed<'_> {
-    /// How far apart two explanations would be under the pressures of `grid`, in nats, after the
-    /// second is refitted to the first as far as a linear change of its parameters allows.
+    /// How far apart two explanations would be under the pressures of `grid`, in nats, after the second is refitted to the
+    /// first as far as a linear change of its parameters allows. `None` where the arm cannot move so.
     pub fn apart(&self, grid: &Grid, a: &[Active], b: &[Active]) -> Option<f64> {
         let values = &self.baseline.values;
         let grid = simulated_grid(self.robot, grid, values, a).ok()?;

@@ -91,7 +91,7 @@ pub struct Case<'a> {
     pub selected: &'a Selected,
     /// Significance threshold of a gain, nats.
     pub threshold: f64,
-    /// What the way from command to gauge has shown.
+    /// What the way from command to gauge has shown; `None` without logged commands or a baseline of the supply.
     pub supply: Option<&'a Finding>,
 }
 
@@ -358,12 +358,12 @@ fn helps([before, own, other]: [&[Row]; 3], judged: &[usize], weights: &Row) -> 
 }
 
 impl Proof {
-    /// How many folds chose an effect on a channel.
+    /// How many folds chose an effect on a channel (1-based; `None`: all of them, or there are none).
     pub fn support(&self, id: &str, target: Option<usize>) -> usize {
         self.folds.iter().filter(|f| f.chose(id, target)).count()
     }
 
-    /// Whether enough folds chose an effect on a channel.
+    /// Whether enough folds chose an effect on a channel (as in [`Self::support`]).
     pub fn supports(&self, id: &str, target: Option<usize>) -> bool {
         self.support(id, target) >= CONFIG.folds_min
     }

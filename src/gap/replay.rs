@@ -13,7 +13,7 @@ pub use crate::sim::patch::{
 use crate::sim::patch::{Correction, motions};
 
 impl CalibrationParameter {
-    /// Standard deviation of the parameter among well-made arms.
+    /// Standard deviation of the parameter among well-made arms, in its unit.
     pub fn prior(self) -> f64 {
         match self {
             Self::Stiffness(_) | Self::Area(_) => 0.03,
@@ -61,11 +61,11 @@ pub(super) fn pad_from_body(values: &[f64]) -> Pose {
     )
 }
 
-/// One row of residuals, measured − predicted; NaN where nothing was measured.
+/// One row of residuals in the order and units of [`CHANNELS`], measured − predicted; NaN where nothing was measured.
 pub type Row = [f64; CHANNELS];
 
-/// Moves the arm of these calibration parameters, with `effects`, through the grid's measured pressures.
-/// Both act on top of the robot's own patches.
+/// Moves the arm of these calibration parameters (`values`, in their order), with `effects`, through the grid's measured
+/// pressures. Both act on top of the robot's own patches.
 ///
 /// # Errors
 /// [`EffectError::Sim`] when the arm finds no equilibrium.
@@ -95,8 +95,8 @@ fn corrected(robot: &RobotSpec, values: &[f64], effects: &[Active]) -> (Model, C
     (crate::sim::patch::model(robot, &all.values), all)
 }
 
-/// Moves the arm of these calibration parameters through measured pressures, Pa, at every one of the instants, s, with the declared
-/// payloads, kg. The end pad's captured pose is that of its tracked body.
+/// Moves the arm of these calibration parameters (`values`, in their order) through measured gauge pressures, Pa, at
+/// every one of the instants, s, with the declared payloads, kg. The end pad's captured pose is that of its tracked body.
 ///
 /// # Errors
 /// As [`move_arm`].
@@ -203,8 +203,8 @@ pub fn residuals(
         .collect()
 }
 
-/// Predicted poses of the tracked body in the frame of the motion capture, with the parameters' frame, clock and
-/// body; the captured poses are compared with them.
+/// Predicted poses of the tracked body on the end pad in the frame of the motion capture, with the parameters' frame, clock
+/// and body; the captured poses are compared with them.
 pub fn captured_poses(
     robot: &RobotSpec,
     grid: &Grid,

@@ -47,7 +47,7 @@ pub struct Key {
     pub strength: f64,
     /// What is hidden.
     pub effects: Vec<KeyEffect>,
-    /// When it begins, s; none for what is there from the start.
+    /// When it begins, s; `None` for what is there from the start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub onset_s: Option<f64>,
 }
@@ -61,7 +61,7 @@ pub struct KeyEffect {
     pub target: Option<usize>,
     /// Its parameters.
     pub params: BTreeMap<String, KeyValue>,
-    /// Its actual strength, x noise floor.
+    /// Its actual strength, x noise floor; `None` where it was not measured.
     pub reached: Option<f64>,
     /// Whether a bound limits it below the requested strength.
     pub capped: bool,
@@ -74,7 +74,7 @@ pub struct KeyValue {
     pub value: f64,
     /// Its unit.
     pub unit: String,
-    /// Value without the effect, where the distance from it is what counts.
+    /// Value without the effect, where the distance from it is what counts; else `None`.
     pub none: Option<f64>,
 }
 
@@ -86,16 +86,16 @@ pub struct Said {
     /// The effects; for an indistinguishable set the alternatives.
     #[serde(default)]
     pub effects: Vec<SaidEffect>,
-    /// The gap before and after.
+    /// The gap before and after; `None` where it was not stated.
     #[serde(default)]
     pub gap: Option<SaidGap>,
-    /// When it began.
+    /// When it began; `None`: from the start, or not known.
     #[serde(default)]
     pub onset: Option<Onset>,
-    /// Wall time, s.
+    /// Wall time, s; `None` where it was not stated.
     #[serde(default)]
     pub seconds: Option<f64>,
-    /// Why there is no verdict.
+    /// Why there is no verdict; `None` where there is one.
     #[serde(default)]
     pub error: Option<String>,
 }
@@ -105,7 +105,7 @@ pub struct Said {
 pub struct SaidEffect {
     /// Its id.
     pub id: String,
-    /// Channel (1-based) or none.
+    /// Channel (1-based); `None`: all of them, or there are none.
     pub target: Option<usize>,
     /// Its parameters.
     #[serde(default)]
@@ -115,9 +115,9 @@ pub struct SaidEffect {
 /// A parameter that was fitted.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 pub struct SaidValue {
-    /// The value, SI.
+    /// The value, SI; `None` where it is no number.
     pub value: Option<f64>,
-    /// 95 % interval.
+    /// 95 % interval, lower end first; `None` where there is none.
     #[serde(default)]
     pub ci95: Option<[f64; 2]>,
 }
@@ -125,7 +125,7 @@ pub struct SaidValue {
 /// The gap.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 pub struct SaidGap {
-    /// (before − after)/(before − floor).
+    /// (before − after)/(before − floor); `None` where it is no number.
     #[serde(default)]
     pub closed: Option<f64>,
 }
@@ -148,9 +148,9 @@ pub struct Share {
     pub hits: usize,
     /// Of so many.
     pub of: usize,
-    /// Their ratio.
+    /// Their ratio; `None` of nothing.
     pub share: Option<f64>,
-    /// Wilson's 95 % interval of it.
+    /// Wilson's 95 % interval of it; `None` of nothing.
     pub ci95: Option<[f64; 2]>,
 }
 
@@ -228,7 +228,7 @@ pub struct Nulls {
 pub struct ParamLine {
     /// `effect.parameter`.
     pub name: String,
-    /// Median of the relative error.
+    /// Median of the relative error; `None` without cases.
     pub error_median: Option<f64>,
     /// Cases.
     pub cases: usize,
@@ -239,13 +239,13 @@ pub struct ParamLine {
 /// A number with its 95 % interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Middle {
-    /// Median.
+    /// Median; `None` without values.
     pub median: Option<f64>,
-    /// Interval of the median from the order of the values; six are needed.
+    /// Interval of the median from the order of the values; `None` for fewer than six.
     pub ci95: Option<[f64; 2]>,
     /// Values.
     pub of: usize,
-    /// Largest.
+    /// Largest; `None` without values.
     pub max: Option<f64>,
 }
 
@@ -266,11 +266,11 @@ pub enum State {
 pub struct Target {
     /// What is measured.
     pub what: String,
-    /// Smallest and largest figure that is good.
+    /// Smallest and largest figure that is good; `None`: no limit on that side.
     pub wanted: [Option<f64>; 2],
-    /// The figure.
+    /// The figure; `None` without data.
     pub measured: Option<f64>,
-    /// Its 95 % interval.
+    /// Its 95 % interval; `None` where there is none.
     pub ci95: Option<[f64; 2]>,
     /// `%` for shares that are given as ratios, `s` for seconds.
     pub unit: String,
@@ -289,7 +289,7 @@ pub struct Line {
     pub kind: About,
     /// Requested strength, x noise floor.
     pub strength: f64,
-    /// Strength of the weakest of its effects.
+    /// Strength of the weakest of its effects; `None` where it is not known.
     pub reached: Option<f64>,
     /// What was hidden, `id:target` joined by ` + `.
     pub truth: String,
@@ -297,11 +297,11 @@ pub struct Line {
     pub said: String,
     /// Whether that is right.
     pub right: bool,
-    /// Share of the gap that was closed.
+    /// Share of the gap that was closed; `None` where it was not stated.
     pub closed: Option<f64>,
-    /// Wall time, s.
+    /// Wall time, s; `None` where it was not stated.
     pub seconds: Option<f64>,
-    /// Why there is no verdict.
+    /// Why there is no verdict; `None` where there is one.
     pub error: Option<String>,
 }
 

@@ -23,7 +23,7 @@ fn weak(c: &Candidate) -> f64 {
 
 /// Result of a search.
 pub struct Selected {
-    /// The effects that are taken, fitted together.
+    /// The effects that are taken, fitted together; `None` where none gains.
     pub chosen: Option<Explained>,
     /// What was compared at every stage, the one that leads first.
     pub rankings: Vec<Vec<Explained>>,

@@ -20,17 +20,17 @@ pub struct Session {
     pub robot: String,
     /// Mass the operator believes is attached, kg.
     pub payload_kg: f64,
-    /// The same per sample, where it changes; NaN marks a gap.
+    /// The same per sample, where it changes, NaN for a gap; `None`: it does not change.
     pub payload_column_kg: Option<Vec<f64>>,
     /// Rising times, s.
     pub t_s: Vec<f64>,
-    /// Measured gauge pressure, Pa.
+    /// Measured gauge pressure per chamber, 1 to 6, Pa.
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
-    /// Commanded gauge pressure, Pa, if it was logged.
+    /// Commanded gauge pressure per chamber, Pa; `None` if it was not logged.
     pub commanded_pa: Option<Vec<[f64; CHAMBERS]>>,
     /// The 24 signals.
     pub sensors: Vec<SensorVec>,
-    /// Motion capture of the end pad, base from tip.
+    /// Motion capture of the end pad, base from tip; `None` where it was not seen.
     pub captured: Vec<Option<Pose>>,
 }
 
@@ -211,7 +211,7 @@ const HOLE_S: f64 = 0.5;
 /// Nor for this long afterwards, s: what friction and rubber remember of a motion that is not known.
 const SETTLE_S: f64 = 3.0;
 
-/// Spans of a session in which some pressure is missing for too long, with the time after them, s.
+/// Spans of a session in which some pressure is missing for too long, with the time after them, from and to, s.
 pub fn holes(
     t_s: &[f64],
     known: impl Fn(usize, usize) -> bool,
@@ -247,7 +247,7 @@ pub fn within(spans: &[[f64; 2]], t_s: f64) -> bool {
 pub struct Measured {
     /// Time, s.
     pub t_s: f64,
-    /// Gauge pressures, Pa.
+    /// Gauge pressures of chambers 1 to 6, Pa.
     pub chamber_pa: [f64; CHAMBERS],
     /// Springs and IMUs as they were read, nothing reconstructed.
     pub sensors: SensorVec,
@@ -279,19 +279,19 @@ impl Measured {
 pub struct Grid {
     /// Where it is from.
     pub session: Session,
-    /// Gap-free measured pressures at the session's own times, Pa.
+    /// Gap-free measured gauge pressures per chamber at the session's own times, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
     /// First sample of each bin, and the end.
     pub first: Vec<usize>,
     /// Mean time of each bin, s.
     pub t_s: Vec<f64>,
-    /// Mean signals.
+    /// Mean signals per bin.
     pub sensors: Vec<SensorVec>,
-    /// Mean captured pose.
+    /// Mean captured pose per bin, base from tip; `None` where nothing was captured.
     pub captured: Vec<Option<Pose>>,
-    /// Which channels hold enough data.
+    /// Which channels (order of [`CHANNELS`]) hold enough data.
     pub present: [bool; CHANNELS],
-    /// Spans that are left out because pressures are missing, s.
+    /// Spans that are left out because pressures are missing, from and to, s.
     pub holes_s: Vec<[f64; 2]>,
 }
 
@@ -447,7 +447,8 @@ impl Grid {
         }
     }
 
-    /// A session of the same rig under other pressures; what would be measured is left empty.
+    /// A session of the same rig under other pressures; what would be measured is left empty. `None` where these are too
+    /// short, or do not move.
     pub fn driven_by(&self, pressures: &Trajectory) -> Option<Self> {
         Self::under(&self.session.robot, self.session.payload_kg, pressures).ok()
     }

@@ -13,6 +13,10 @@ use crate::robot::RobotSpec;
 
 /// Finding on the path from command to gauge, when the commands were logged: against the supply in order, of the suspect
 /// sessions that with the largest error in units of its floor. What it names is tested on the sessions of `prove`.
+/// `None` without a `baseline` of the supply (`None`), or without logged commands that move.
+///
+/// # Errors
+/// [`GapError`] when a log of pressures cannot be judged, numbers are not finite, or the work is stopped.
 pub fn supply(
     robot: &RobotSpec,
     baseline: Option<&LineBaseline>,
@@ -67,7 +71,7 @@ fn confirmed(
     Ok((!sessions.is_empty()).then(|| Confirmed::of(sessions, gap, Vec::new(), "")))
 }
 
-/// Whether the way from command to gauge has already named it.
+/// Whether the way from command to gauge (`None`: nothing is known of it) has already named it.
 pub fn named_by(supply: Option<&Finding>, c: &Candidate) -> bool {
     let target = c.target.map(|t| t + 1);
     supply.is_some_and(|f| {

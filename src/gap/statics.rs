@@ -39,11 +39,11 @@ pub struct Rest {
     pub session: String,
     /// Hash of its file.
     pub hash: String,
-    /// Gauge pressures, Pa.
+    /// Gauge pressures of chambers 1 to 6, Pa.
     pub gauge_pa: [f64; CHAMBERS],
     /// Declared mass in the gripper, kg.
     pub payload_kg: f64,
-    /// The tracked bodies of the middle and the end pad in the base frame.
+    /// The tracked bodies of the middle and the end pad, in this order, base from body; `None` for one that was not tracked.
     pub bodies: [Option<Pose>; 2],
     /// Whether they are relative to a body on the base, which was tracked too.
     pub on_base: bool,

@@ -69,7 +69,7 @@ pub(super) fn is_asu_arm(path: &Path) -> Result<bool> {
     Ok(cell.trim().parse::<f64>().is_ok())
 }
 
-/// The effects that were named, in SI; nothing when no effect was.
+/// The effects that were named, in SI; `None` when no effect was.
 pub fn patch_of(f: &Finding, log: &PressureGrid, robot: &RobotSpec) -> Option<Patch> {
     if f.verdict != Verdict::Named {
         return None;
@@ -130,7 +130,7 @@ pub fn in_unit(mut f: Finding, unit: PressureUnit) -> Finding {
     f
 }
 
-/// Writes the finding, its report and, when an effect was named, the patch; returns the files' names.
+/// Writes the finding, its report and, unless it is `None`, the patch; returns the files' names.
 ///
 /// # Errors
 /// When a file cannot be written.

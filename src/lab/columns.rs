@@ -2,19 +2,19 @@
 
 use crate::signal::{IMUS, Pose, SPRINGS, SensorVec, ypr_from_rotation};
 
-/// Columns of a pose of the end pad.
+/// Columns of a pose of the end pad: x, y, z, then yaw, pitch, roll.
 pub fn pose_names() -> [String; 6] {
     ["x_mm", "y_mm", "z_mm", "yaw_deg", "pitch_deg", "roll_deg"].map(str::to_owned)
 }
 
-/// See [`pose_names`].
+/// Values of [`pose_names`]: mm, then degrees.
 pub fn pose_values(pose: &Pose) -> [f64; 6] {
     let p = pose.translation.vector * 1e3;
     let [yaw, pitch, roll] = ypr_from_rotation(&pose.rotation).map(f64::to_degrees);
     [p.x, p.y, p.z, yaw, pitch, roll]
 }
 
-/// Columns of the 24 sensor signals, as a session log names them.
+/// Columns of the 24 sensor signals, as a session log names them, in the order of the signals.
 pub fn sensor_names() -> Vec<String> {
     let springs = (1..=SPRINGS).map(|i| format!("spring{i}_mm"));
     let imus = (1..=IMUS)

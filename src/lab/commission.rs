@@ -28,7 +28,7 @@ pub fn patch_of(rig: &Commissioned) -> Patch {
 pub struct Kind {
     /// Its name.
     pub name: &'static str,
-    /// Root mean square, SI.
+    /// Root mean square, SI; `None` where nothing of the kind was measured.
     pub rms: Option<f64>,
     /// A warning above this, SI. The healthy sessions at hand leave 0.4 to 1.5 mm at the end pad.
     pub warn: f64,
@@ -70,7 +70,7 @@ pub fn kinds(f: &Rmse) -> [Kind; 4] {
     ]
 }
 
-/// The kinds of residual that are above a bound; nothing if there are none.
+/// The kinds of residual that are above a bound; `None` if there are none.
 pub fn beyond(kinds: &[Kind], bound: impl Fn(&Kind) -> f64) -> Option<String> {
     let large: Vec<String> = kinds
         .iter()

@@ -37,7 +37,7 @@ pub struct Options {
     pub plan: Plan,
     /// The unit of the virtual rig, where that makes the samples; read by the calibration of its own springs.
     pub unit: Unit,
-    /// Only this part of the samples; by rod or mesh.
+    /// Only this part of the samples, by rod or mesh; `None`: all of them.
     pub shard: Option<Part>,
     /// The file.
     pub out: PathBuf,

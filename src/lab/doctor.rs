@@ -32,13 +32,13 @@ impl Check {
 pub struct Places {
     /// The folder of recordings.
     pub recordings: PathBuf,
-    /// The folder of rolling recordings.
+    /// The folder of rolling recordings; `None` where the user has no data folder.
     pub rolling: Option<RollingFolder>,
-    /// The folder of the user's data, with saved calibrations.
+    /// The folder of the user's data, with saved calibrations; `None` where there is none.
     pub data: Option<PathBuf>,
-    /// The window's log.
+    /// The window's log; `None` where the user has no data folder: that fails the check.
     pub log: Option<PathBuf>,
-    /// Serial ports to open, separated by commas.
+    /// Serial ports to open, separated by commas; `None`: the ports are only listed.
     pub rig: Option<String>,
     /// Where motion capture is received.
     pub mocap: SocketAddr,

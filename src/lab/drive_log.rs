@@ -21,7 +21,7 @@ pub const FILES: [&str; 5] = [
     "errors.svg",
 ];
 
-/// Writes [`FILES`] into a folder.
+/// Writes [`FILES`] into a folder; `path` is drawn beside the way of the tip, with `None` nothing is.
 ///
 /// # Errors
 /// When nothing was driven, or a file cannot be written.
@@ -137,8 +137,8 @@ fn errors(errors_mm: &[f64], label: &str) -> Chart {
     }
 }
 
-/// Every tick: time, true and estimated tip, where it shall be, pressures, signals and references.
-/// Names of the columns, with commas between.
+/// Names of the columns of a tick, with commas between: time, leg and waypoint, true and estimated tip, where it shall be,
+/// set and measured pressures, lengths of the springs and their references, time of the controller.
 pub fn columns() -> String {
     let mut out = String::from(
         "t_s,leg,waypoint,true_x_mm,true_y_mm,true_z_mm,est_x_mm,est_y_mm,est_z_mm,goal_x_mm,goal_y_mm,goal_z_mm",

@@ -15,11 +15,12 @@ use crate::signal::{Pose, pose_error, ypr_from_rotation};
 pub struct Estimated {
     /// Index of the row.
     pub row: usize,
-    /// Estimated pose of the tip.
+    /// Estimated pose of the tip, base from tip.
     pub pose: Pose,
-    /// Predicted standard deviations: position, m, then rotation, rad.
+    /// Predicted standard deviations: position x, y, z, m, then yaw, pitch, roll, rad.
     pub sd: [f64; 6],
-    /// Estimated less captured: position, m, then rotation vector, rad; `None` without motion capture.
+    /// Estimated less captured: position, m, then rotation vector x, y, z, rad, in the base frame; `None` without motion
+    /// capture.
     pub residual: Option<[f64; 6]>,
 }
 
@@ -51,9 +52,9 @@ pub struct Comparison {
     pub samples: usize,
     /// Distance of the tips, mm.
     pub translation_mm: ErrorStats,
-    /// Mean errors of yaw, pitch and roll, deg.
+    /// Mean errors of yaw, pitch and roll, in this order, deg.
     pub ypr_deg: [f64; 3],
-    /// Shares of coordinates within 1.00 and 1.96 predicted standard deviations.
+    /// Shares of the position's coordinates within 1.00 and 1.96 predicted standard deviations, in this order.
     pub coverage: [f64; 2],
 }
 

@@ -88,7 +88,7 @@ pub struct Round {
     pub verdict: Verdict,
     /// The effects that are named, or of which it is one.
     pub effects: Vec<FoundEffect>,
-    /// Share of the effects that would have shown by then at their usual size, 0..1; none where nothing was designed.
+    /// Share of the effects that would have shown by then at their usual size, 0..1; `None` where nothing was designed.
     pub visible: Option<f64>,
 }
 
@@ -96,7 +96,7 @@ pub struct Round {
 pub struct Outcome {
     /// Its rounds.
     pub rounds: Vec<Round>,
-    /// The finding on all sessions; none where no excitation fits into the time.
+    /// The finding on all sessions; `None` where no excitation fits into the time.
     pub found: Option<Found>,
     /// Why it ended: one sentence.
     pub ended: &'static str,

@@ -79,7 +79,7 @@ pub fn sessions_among(paths: &[PathBuf]) -> impl Iterator<Item = &Path> {
     paths.map(PathBuf::as_path)
 }
 
-/// Reads the baseline in a file; nothing where it holds none.
+/// Reads the baseline in a file; `None` where it holds none.
 ///
 /// # Errors
 /// When it cannot be read.
@@ -166,7 +166,7 @@ pub fn write_all(dir: &Path, found: &gap::Found, patch: &Patch, simulated: bool)
     }
 }
 
-/// Residual tensions of sessions as text, one line per instant and bellows: without a law and, where there is one, with it.
+/// Residual tensions of sessions as text, one line per instant and bellows: without a law and, unless it is `None`, with it.
 ///
 /// # Errors
 /// When the file cannot be written.

@@ -24,17 +24,17 @@ pub struct Options {
     pub file: PathBuf,
     /// Folder for the session.
     pub out: PathBuf,
-    /// Name of the object, where the file has several.
+    /// Name of the object, where the file has several; `None`: the only one.
     pub object: Option<String>,
-    /// Take the rigid body of these markers.
+    /// Take the rigid body of these markers; `None`: not.
     pub markers: Option<Vec<String>>,
-    /// Take the rigid body of all markers of this subject.
+    /// Take the rigid body of all markers of this subject; `None`: not.
     pub subject: Option<String>,
-    /// File that puts the poses into the robot's base.
+    /// File that puts the poses into the robot's base frame; `None`: they stay in motion capture's world.
     pub registration: Option<PathBuf>,
     /// Put the session onto the clock of the robot's recording, too.
     pub robot_clock: bool,
-    /// Meaning of three angles in a Vicon Tracker file that does not say.
+    /// Meaning of three angles in a Vicon Tracker file that does not state it; `None`: helical.
     pub rotation: Option<MocapRotation>,
 }
 

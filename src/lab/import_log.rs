@@ -37,9 +37,9 @@ pub struct Options {
     pub map: PathBuf,
     /// The log.
     pub file: PathBuf,
-    /// Motion capture, where that is a file of its own, and how the clocks lie.
+    /// Motion capture, where that is a file of its own, and how the clocks lie; `None`: what the log itself holds.
     pub mocap: Option<(PathBuf, Shift)>,
-    /// The part that is wanted, in seconds of the log's own clock.
+    /// The part that is wanted, from and to, in seconds of the log's own clock; `None`: all of it.
     pub window: Option<[f64; 2]>,
     /// Folder for the session.
     pub out: PathBuf,
@@ -52,7 +52,7 @@ pub struct ImportedLog {
     pub log: SessionLog,
     /// What was added to the times of the motion capture, s, and how well the two agree then, where that was found.
     pub shift_s: f64,
-    /// The correlation.
+    /// The correlation; `None` where the shift was not found by it.
     pub correlation: Option<f64>,
     /// Poses that were left out because cameras repeat them, and because the body was flipped: on base and end.
     pub left_out: [[usize; 2]; 2],

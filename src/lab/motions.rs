@@ -139,7 +139,7 @@ pub struct Moment {
     pub t_s: f64,
     /// The sensors' frame.
     pub frame: SensorFrame,
-    /// Top, middle and end pad as they were.
+    /// Top, middle and end pad as they were, base from pad.
     pub base_from_pad: [Pose; 3],
 }
 
@@ -216,7 +216,7 @@ pub struct Raw {
     pub frame: RawFrame,
     /// The end pad by motion capture, base from tip.
     pub seen: Pose,
-    /// Top, middle and end pad as they were.
+    /// Top, middle and end pad as they were, base from pad.
     pub base_from_pad: [Pose; 3],
 }
 
@@ -250,7 +250,7 @@ pub struct Sent {
     pub raw: RawFrame,
     /// Whether it belongs to what the motion's disturbance is about (see [`Push`]).
     pub is_scored: bool,
-    /// Top, middle and end pad as they were.
+    /// Top, middle and end pad as they were, base from pad.
     pub base_from_pad: [Pose; 3],
 }
 

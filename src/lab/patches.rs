@@ -54,7 +54,7 @@ fn refuse_twice(robot: &RobotSpec, patch: &Patch) -> Result<()> {
     Ok(())
 }
 
-/// The robot with one more patch from a file, if there is one.
+/// The robot with one more patch from a file; `None`: as it is.
 ///
 /// # Errors
 /// As [`read_patch`] and [`text_with`].

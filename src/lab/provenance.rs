@@ -41,8 +41,8 @@ fn differences(first: (&str, &Path), second: (&str, &Path)) -> Result<Vec<String
     }
 }
 
-/// What differs between the baselines and the sessions of the gap finder, and the same as a note. Each is compared with the first
-/// baseline.
+/// What differs between the baselines and the sessions of the gap finder, and the same as a note (`None` if nothing does).
+/// Each is compared with the first baseline.
 ///
 /// # Errors
 /// When a recording cannot be opened, and when they are not of the same arm.

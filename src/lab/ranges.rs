@@ -3,7 +3,7 @@
 use crate::robot::RobotSpec;
 use crate::signal::CHAMBERS;
 
-/// Refuses pressures that the robot's bellows never have, gauge, Pa.
+/// Refuses pressures (gauge, Pa, in the order of the chambers) that the robot's bellows never have.
 ///
 /// # Errors
 /// The message names the chamber and the range.

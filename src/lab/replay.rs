@@ -8,7 +8,7 @@ use crate::signal::{IMUS, SPRINGS};
 use crate::sim::effects::Simulated;
 
 /// Simulated poses and sensors at every sample, and the residuals against the measured ones; empty where nothing was
-/// measured.
+/// measured. `values` are those of the calibration parameters, in their order.
 pub fn table(
     robot: &RobotSpec,
     grid: &Grid,

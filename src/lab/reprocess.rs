@@ -22,7 +22,7 @@ pub struct Means<'a> {
     pub robot: &'a RobotSpec,
     /// Its networks.
     pub maps: &'a Maps,
-    /// Text of the calibration (TOML); the one in the recording without it.
+    /// Text of the calibration (TOML); `None`: the one in the recording.
     pub calibration: Option<String>,
 }
 

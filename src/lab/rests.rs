@@ -25,11 +25,11 @@ const STALE_S: f64 = 0.5;
 /// Poses that move by less than this from one to the next are not rounded coarsely, m.
 const RESOLVED_M: f64 = 5e-5;
 
-/// A span of a session's own clock, s.
+/// A span of a session's own clock, from and to, s.
 pub type Window = [f64; 2];
 
-/// The steady window of every session. With a `map` they are logs whose columns it knows; without one, logs of the ASU arm are
-/// known by their 38 columns.
+/// The steady window of every session. With a `map` they are logs whose columns it knows; with `None`, logs of the ASU arm
+/// are known by their 38 columns.
 ///
 /// # Errors
 /// When a file cannot be read, or the window is not steady or too short; the error names it.

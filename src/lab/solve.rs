@@ -34,7 +34,7 @@ pub enum Solver {
 pub struct Solved {
     /// Pose of the tip in the base frame.
     pub pose: Pose,
-    /// Signals of springs and IMUs.
+    /// Signals of springs and IMUs, m and rad.
     pub sensors: SensorVec,
     /// Iterations of the solver.
     pub iterations: usize,
@@ -154,7 +154,7 @@ pub fn table() -> Table {
     )
 }
 
-/// The row of a case; empty cells for one without equilibrium.
+/// The row of a case; empty cells for one without equilibrium (`None`).
 pub fn row(inputs: &Inputs, solved: Option<&Solved>) -> Vec<f64> {
     let mut row = inputs.chamber_pa.map(|p| p / 1e3).to_vec();
     row.push(inputs.payload_kg);

@@ -107,12 +107,12 @@ impl Table {
         }
     }
 
-    /// Adds a row of ours.
+    /// Adds a row of ours: one figure per column, `None` where there is none.
     pub fn ours(&mut self, label: impl Into<String>, cells: Vec<Option<f64>>) {
         self.row(label, Source::Simulated, cells);
     }
 
-    /// Adds a row of the paper's.
+    /// Adds a row of the paper's: figures of the first columns, `None` where there is none.
     pub fn paper(&mut self, label: impl Into<String>, mut cells: Vec<Option<f64>>) {
         let width = self.columns.len();
         cells.resize(width, None);
@@ -162,6 +162,9 @@ impl Table {
     }
 
     /// Writes NAME.json, NAME.md and NAME.svg.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         let write = |ending: &str, text: &str| {
             let path = folder.join(format!("{}.{ending}", self.name));
@@ -241,7 +244,7 @@ impl Table {
     }
 }
 
-/// Three significant digits or so; a dash for none.
+/// Three significant digits or so; a dash for `None`.
 pub fn number(x: Option<f64>) -> String {
     match x {
         None => "–".to_owned(),

@@ -32,13 +32,13 @@ const GROWTHS: [f64; 6] = [0.0, 1.0, 2.0, 3.0, 4.0, 6.0];
 /// Error statistics of a [`super::Cascade`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    /// Standard deviation of the signals' noise, m and rad.
+    /// Standard deviation of the noise of each of the 24 signals, m and rad.
     pub noise: SVector<f64, SIGNALS>,
     /// Shares of noise, spread and rest; each for translation and rotation.
     pub shares: [[f64; 2]; PARTS],
     /// g: how steeply the rest grows with the training distance, for translation and rotation.
     pub growth: [f64; 2],
-    /// Second moment of the errors (m and rad, yaw-pitch-roll order).
+    /// Second moment of the errors in x, y, z (m), yaw, pitch, roll (rad).
     pub moment: Matrix6,
     /// 95th percentile of the training distance inside the data. Beyond it the covariance grows
     /// with the square of the distance.

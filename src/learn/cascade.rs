@@ -33,7 +33,7 @@ pub struct ShapeError {
 /// Distribution of the training signals, for the distance to them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorSpread {
-    /// Mean of the signals, m and rad.
+    /// Mean of the 24 signals, m and rad.
     pub mean: SVector<f64, SIGNALS>,
     /// W with |W (s − mean)| the distance: L⁻¹ / √n for n used channels and their covariance
     /// L Lᵀ (noise included); rows and columns of unused channels are zero.
@@ -98,9 +98,9 @@ pub(super) fn used_channels(channels: Channels) -> [bool; SIGNALS] {
 /// The two sim-to-real networks, as far as they are in use.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Correction {
-    /// Pose (6), or pose and signals (30), to what is missing in x, y, z, m.
+    /// Pose (6), or pose and signals (30), to what is missing in x, y, z, m; `None`: not in use, it counts as zero.
     pub translation: Option<Mlp>,
-    /// The same input to what is missing in yaw, pitch, roll, rad.
+    /// The same input to what is missing in yaw, pitch, roll, rad; `None` likewise.
     pub rotation: Option<Mlp>,
 }
 
@@ -176,7 +176,7 @@ impl Cascade {
         &self.parts
     }
 
-    /// The pose before the correction: x, y, z in m, yaw, pitch, roll in rad.
+    /// The pose before the correction, base from tip: x, y, z in m, yaw, pitch, roll in rad.
     pub fn uncorrected(&self, sensors: &SVector<f64, SIGNALS>) -> Vector6 {
         let sum: Vector6 = self
             .smap

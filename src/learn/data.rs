@@ -20,8 +20,8 @@ pub struct Parts {
     pub test: Vec<usize>,
 }
 
-/// Deals `n` samples, rows of a trajectory that are `row_s` apart or independent draws: blocks of consecutive samples are
-/// shuffled and stay whole. Of three or more blocks every part gets one.
+/// Deals `n` samples, rows of a trajectory that are `row_s` apart or, with `None`, independent draws: blocks of
+/// consecutive samples are shuffled and stay whole. Of three or more blocks every part gets one.
 pub fn split(n: usize, rule: &SplitRule, row_s: Option<f64>, seed: u64) -> Parts {
     let block = rule.rows(row_s);
     let mut starts: Vec<usize> = (0..n).step_by(block).collect();
@@ -81,7 +81,7 @@ pub fn data_hash(data: &Dataset) -> String {
     hex(&hash.finalize())
 }
 
-/// x, y, z in m, then yaw, pitch, roll in rad.
+/// A pose, base from tip, as x, y, z in m, then yaw, pitch, roll in rad.
 pub fn pose_vector(pose: &Pose) -> Vector6 {
     let t = pose.translation.vector;
     let [yaw, pitch, roll] = ypr_from_rotation(&pose.rotation);
@@ -96,7 +96,7 @@ pub(super) fn is_finite(s: &Sample) -> bool {
         && s.payload_kg.is_finite()
 }
 
-/// Adds sensor noise to 24 signals (m, then yaw, pitch, roll in rad).
+/// Adds sensor noise to 24 signals (lengths in m, then yaw, pitch, roll per IMU in rad).
 ///
 /// Each IMU turns by a small random rotation vector n in its own axes; yaw, pitch and roll follow
 /// to first order, which makes yaw and roll noisier near ±90° of pitch as with a real sensor:

@@ -44,7 +44,7 @@ const HEADER_MAX: usize = 1 << 22;
 pub struct Scores {
     /// The sensor map.
     pub smap: PoseReport,
-    /// The sim-to-real correction, if trained.
+    /// The sim-to-real correction; `None` if it was not trained.
     pub s2r: Option<CorrectionReport>,
     /// The plant.
     pub plant: PlantReport,

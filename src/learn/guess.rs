@@ -17,13 +17,13 @@ pub(super) const ROW: usize = CHAMBERS + 1 + SIGNALS + 6;
 /// A training sample, as kept for the search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuessSample {
-    /// Gauge pressure per chamber, Pa.
+    /// Gauge pressure of each chamber, 1 to 6, Pa.
     pub chamber_pa: [f32; CHAMBERS],
     /// Mass in the gripper, kg.
     pub payload_kg: f32,
     /// The 24 signals, m and rad.
     pub sensors: [f32; SIGNALS],
-    /// x, y, z in m, yaw, pitch, roll in rad.
+    /// Base from tip: x, y, z in m, yaw, pitch, roll in rad.
     pub pose: [f32; 6],
 }
 

@@ -82,12 +82,12 @@ pub struct PlantEval {
 
 /// f_smap: sensor signals to tip pose.
 pub trait PoseMap: Send + Sync {
-    /// Evaluates the map and its exact Jacobian.
+    /// Evaluates the map and its exact Jacobian at the 24 signals, in the order of `SensorVec::to_vector`.
     fn pose(&self, sensors: &SVector<f64, SIGNALS>) -> PoseEval;
 }
 
 /// Plant map: chamber pressures to sensor signals.
 pub trait PlantMap: Send + Sync {
-    /// Evaluates the map and its exact Jacobian.
+    /// Evaluates the map and its exact Jacobian at the gauge pressures of chambers 1 to 6.
     fn sensors(&self, chamber_pa: &[f64; CHAMBERS], payload_kg: f64) -> PlantEval;
 }

@@ -19,7 +19,7 @@ pub struct PlantBounds {
 }
 
 impl PlantBounds {
-    /// Whether a configuration lies within the training data's bounds.
+    /// Whether gauge pressures of chambers 1 to 6 and a payload lie within the training data's bounds.
     pub fn contains(&self, chamber_pa: &[f64; CHAMBERS], payload_kg: f64) -> bool {
         let within = |x: f64, [lo, hi]: [f64; 2]| (lo..=hi).contains(&x);
         within(payload_kg, self.payload_kg)
@@ -63,7 +63,7 @@ impl PlantNet {
         &self.bounds
     }
 
-    /// The signals without their derivative.
+    /// The 24 signals (m, rad) at gauge pressures of chambers 1 to 6, without their derivative.
     pub fn value(&self, chamber_pa: &[f64; CHAMBERS], payload_kg: f64) -> SVector<f64, SIGNALS> {
         SVector::from_column_slice(&self.kernel.value(&input(chamber_pa, payload_kg)))
     }

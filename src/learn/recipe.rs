@@ -9,9 +9,9 @@ use crate::signal::toml_error;
 
 /// Most networks in an ensemble.
 pub const MEMBERS_MAX: usize = 5;
-/// Widest layer and most hidden layers that are accepted, in recipes and in model files.
+/// Widest layer that is accepted, in recipes and in model files.
 pub const WIDTH_MAX: usize = 1024;
-/// Most hidden layers.
+/// Most hidden layers that are accepted there.
 pub const HIDDEN_LAYERS_MAX: usize = 6;
 
 /// Why a recipe was refused.
@@ -116,8 +116,8 @@ fn block_s() -> f64 {
 }
 
 impl SplitRule {
-    /// Consecutive samples that stay together, where rows of a trajectory are `row_s` apart (s) and independent draws have
-    /// none.
+    /// Consecutive samples that stay together, where rows of a trajectory are `row_s` apart (s); `None` for independent
+    /// draws.
     pub fn rows(&self, row_s: Option<f64>) -> usize {
         let in_time = row_s.map_or(1, |row_s| (self.block_s / row_s).round() as usize);
         self.block.max(in_time).max(1)

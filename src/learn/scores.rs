@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::data::pose_vector;
 use crate::signal::{Pose, SPRINGS, Vector6, pose_error, pose_from_ypr};
 
-/// Statistics of absolute errors.
+/// Statistics of absolute errors, in the unit of the errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorStats {
     /// Mean.
@@ -104,7 +104,7 @@ impl RunningStats {
     }
 }
 
-/// The smallest of `sorted` that is not exceeded by a fraction `q` of them; 0 when empty.
+/// The smallest of `sorted` (in rising order) that is not exceeded by a fraction `q` of them; 0 when empty.
 pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     let at = (q * sorted.len() as f64).ceil() as usize;
     sorted
@@ -131,7 +131,7 @@ pub struct PoseScores {
 }
 
 impl PoseScores {
-    /// Errors of predictions (x, y, z in m, yaw, pitch, roll in rad) against true poses.
+    /// Errors of predictions (x, y, z in m, yaw, pitch, roll in rad) against true poses, base from tip.
     pub fn of(pairs: &[(Vector6, Pose)]) -> Self {
         let error = |f: &dyn Fn(&Vector6, &Pose) -> f64| {
             ErrorStats::of(pairs.iter().map(|(p, t)| f(p, t).abs()).collect())
@@ -156,12 +156,12 @@ impl PoseScores {
     }
 }
 
-/// A pose from x, y, z in m and yaw, pitch, roll in rad.
+/// A pose, base from tip, from x, y, z in m and yaw, pitch, roll in rad, in this order.
 pub fn to_pose(p: &Vector6) -> Pose {
     pose_from_ypr([p[0], p[1], p[2]], [p[3], p[4], p[5]])
 }
 
-/// Predicted minus true: m, then yaw, pitch, roll within ±π, rad.
+/// Predicted minus true, base from tip: x, y, z in m, then yaw, pitch, roll within ±π, rad.
 pub fn pose_residual(predicted: &Vector6, truth: &Pose) -> Vector6 {
     let mut e = predicted - pose_vector(truth);
     for k in 3..6 {
@@ -193,7 +193,7 @@ pub struct Coverage {
 pub(super) const CHI_SQUARE_3: [f64; 2] = [3.527, 7.815];
 
 impl Coverage {
-    /// From errors (yaw, pitch, roll order) and the covariance stated for each.
+    /// From errors (x, y, z in m, yaw, pitch, roll in rad) and the covariance stated for each.
     pub fn of(errors: &[(Vector6, crate::signal::Matrix6)]) -> Self {
         let inside = |at: usize, limit: f64| {
             let hits = errors.iter().filter(|(e, c)| {

@@ -34,8 +34,8 @@ pub use smap::train_smap;
 /// Called once per epoch; `Break` cancels.
 pub type Watch<'a> = &'a mut dyn FnMut(Progress) -> ControlFlow<()>;
 
-/// Trains everything a twin needs: the sensor map and the plant on `sim`, the correction on `real`
-/// if there is one, and keeps samples of `sim` for the initial guess.
+/// Trains everything a twin needs: the sensor map and the plant on `sim`, the correction on `real` (`None`: no
+/// correction), and keeps samples of `sim` for the initial guess.
 ///
 /// # Errors
 /// As [`train_smap`], [`train_s2r`] and [`train_plant`].

@@ -103,7 +103,8 @@ impl WindowMap {
         Ok(Self { net, input, output })
     }
 
-    /// Poses (x, y, z in m, yaw, pitch, roll in rad) at the ends of some windows, each of as many vectors of signals as it was trained on.
+    /// Poses, base from tip (x, y, z in m, yaw, pitch, roll in rad), at the ends of some windows, each of as many vectors of
+    /// signals as it was trained on.
     pub fn poses(&self, windows: &[Vec<SVector<f64, SIGNALS>>]) -> Vec<Vector6> {
         let mut x = Vec::new();
         for s in windows.iter().flatten() {

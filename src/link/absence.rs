@@ -24,7 +24,7 @@ impl Absence {
         }
     }
 
-    /// The reason, if it is another than that the port is gone.
+    /// The reason, if it is another than that the port is gone; else `None`.
     pub fn reason(&self) -> Option<&String> {
         self.reason.as_ref()
     }
@@ -34,8 +34,9 @@ impl Absence {
         (self.reason, self.reported) = (None, None);
     }
 
-    /// Notes that the port `name` has not opened for this reason, while there are `present`; what there is to report.
-    /// Rights come a moment after a device: only what has kept two tries from succeeding is reported, once.
+    /// Notes that the port `name` has not opened for this reason, while there are `present`; what there is to report, if
+    /// anything. Rights come a moment after a device: only what has kept two tries from succeeding is reported, once. Else
+    /// `None`.
     pub fn note(&mut self, name: &str, refused: &str, present: &[PortInfo]) -> Option<String> {
         let is_there = Path::new(name).exists() || present.iter().any(|p| p.name == name);
         let reason = match is_there {

@@ -218,7 +218,7 @@ impl BoardClock {
         self.rate_hz / (1.0 + self.skew().ratio)
     }
 
-    /// The fit for the operator, once there is one.
+    /// The fit for the operator; `None` before there is one.
     pub fn fitted(&self) -> Option<ClockFit> {
         let f = self.fit?;
         let board_s = (f.ticks as i64 - EPOCH_TICKS) as f64 / self.rate_hz;
@@ -256,7 +256,7 @@ impl BoardClock {
         Some(f.host.plus(x_s + f.offset_s + f.skew * x_s))
     }
 
-    /// The id of a PING to send now, if one is due.
+    /// The id of a PING to send now; `None` if none is due.
     pub fn ping_due(&mut self, now: Stamp) -> Option<u32> {
         if self.next_ping.is_some_and(|t| now < t) {
             return None;

@@ -272,7 +272,7 @@ pub fn fault_names(faults: u16) -> String {
     names.join(",")
 }
 
-/// The bit of [`fault`] of this name, if it is one that latches.
+/// The bit of [`fault`] of this name; `None` if it is not one that latches.
 pub fn fault_of_name(name: &str) -> Option<u16> {
     let latching = CAUSES.iter().filter(|c| c.0 & fault::LATCHING != 0);
     latching.into_iter().find(|c| c.1 == name).map(|c| c.0)

@@ -71,7 +71,7 @@ impl MocapWatch {
         }
     }
 
-    /// What is ignored at present, as one sentence.
+    /// What is ignored at present, as one sentence; `None`: nothing.
     pub fn present(&self) -> Option<&String> {
         self.present.as_ref()
     }
@@ -81,7 +81,7 @@ impl MocapWatch {
         now.since(self.since) >= PERIOD_S
     }
 
-    /// Looks at what was received up to `now`; one sentence about a kind that was not ignored before.
+    /// Looks at what was received up to `now`; one sentence about a kind that was not ignored before, else `None`.
     pub fn look(&mut self, now: Stamp, received: Received) -> Option<String> {
         let for_s = now.since(self.since).max(PERIOD_S);
         let found = self.found(&received);

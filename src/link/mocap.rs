@@ -48,7 +48,7 @@ pub struct MocapSample {
     pub frame: u32,
     /// Name of the object; the one on the end pad is `end_pad`.
     pub name: String,
-    /// Pose of the object's frame in the motion-capture world, m.
+    /// Pose of the object's frame in the motion-capture world, not registered to the base; translation in m.
     pub world_from_object: Pose,
 }
 

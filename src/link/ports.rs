@@ -14,7 +14,7 @@ pub struct PortInfo {
     pub name: String,
     /// What is behind it, as far as the operating system reports; may be empty.
     pub what: String,
-    /// Serial number of the USB device behind it.
+    /// Serial number of the USB device behind it; `None` where there is none or the system gives none.
     pub usb_serial: Option<String>,
 }
 

@@ -519,12 +519,12 @@ impl HostSession {
         self.open && self.peers.iter().all(Peer::ready)
     }
 
-    /// Why the arm cannot be armed, if a board does not match.
+    /// Why the arm cannot be armed, if a board does not match; else `None`.
     pub fn refusal(&self) -> Option<&Refusal> {
         self.peers.iter().find_map(|p| p.refusal.as_ref())
     }
 
-    /// Flags of each board's last frame.
+    /// Flags of each board's last frame, board 1 first; see [`flag`](super::wire::flag).
     pub fn board_flags(&self) -> [u16; BOARDS] {
         std::array::from_fn(|b| self.peers[b].flags.unwrap_or_default())
     }
@@ -546,7 +546,7 @@ impl HostSession {
             })
     }
 
-    /// Frames thrown away on the way in: broken on the line, or not fetched in time.
+    /// Frames thrown away on the way in: broken on the line, and not fetched in time, in this order.
     pub fn thrown_away(&self) -> (u64, u64) {
         let broken = self.decoders.iter().map(|d| d.counts.bad()).sum();
         (broken, self.frames_dropped)

@@ -35,7 +35,7 @@ const ROW_BYTES: u64 = 2
     * (size_of::<f64>() + 2 * size_of::<[f64; CHAMBERS]>() + size_of::<[Option<Pose>; BODIES]>())
         as u64;
 
-/// Commanded and measured pressures, gauge, Pa; an empty cell is NaN.
+/// Commanded and measured gauge pressures in the order of the chambers, Pa; an empty cell is NaN.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AsuArmLog {
     /// Name of the file, without its ending.
@@ -44,11 +44,11 @@ pub struct AsuArmLog {
     pub hash: String,
     /// Rising times, s.
     pub t_s: Vec<f64>,
-    /// Desired, Pa.
+    /// Desired, of chambers 1 to 6, Pa.
     pub commanded_pa: Vec<[f64; CHAMBERS]>,
-    /// Measured, Pa.
+    /// Measured, of chambers 1 to 6, Pa.
     pub measured_pa: Vec<[f64; CHAMBERS]>,
-    /// Tracked bodies on base, middle and end in the frame of the cameras; none where there is no whole pose.
+    /// Tracked bodies on base, middle and end, frame of the cameras from body; `None` where there is no whole pose.
     pub bodies: Vec<[Option<Pose>; BODIES]>,
 }
 

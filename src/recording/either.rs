@@ -18,7 +18,8 @@ pub fn is_rrd(path: &Path) -> bool {
         .is_some_and(|e| e.eq_ignore_ascii_case("rrd"))
 }
 
-/// A file, and the part of it that is meant: `F.rrd@FROM..TO`, in s since the session's start; one of both may be missing.
+/// A file, and the part of it that is meant: `F.rrd@FROM..TO`, in s since the session's start; one of both may be missing:
+/// the part then begins or ends with the session.
 /// A file whose name contains such an ending is the file.
 ///
 /// # Errors

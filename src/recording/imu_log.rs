@@ -49,9 +49,9 @@ pub(super) const COLUMNS: [&str; 12] = [
 pub struct ImuSample {
     /// Time, s.
     pub t_s: f64,
-    /// Angular rate, rad/s.
+    /// Angular rate in the IMU's own axes, rad/s.
     pub gyro_rad_s: [f64; 3],
-    /// Specific force, m/s².
+    /// Specific force in the IMU's own axes, m/s².
     pub accel_m_s2: [f64; 3],
     /// Earth from IMU by the optical reference; `None` where it does not see.
     pub reference: Option<UnitQuaternion<f64>>,

@@ -43,11 +43,11 @@ pub struct Inspection {
     pub rate_hz: f64,
     /// Whether the file was ended properly.
     pub complete: bool,
-    /// For a recording that was cut: session time of the last sample that was recovered, s.
+    /// For a recording that was cut: session time of the last sample that was recovered, s; else `None`.
     pub recovered_until: Option<f64>,
     /// What is missing.
     pub health: FileHealth,
-    /// Whether the data are simulated; unknown for session logs.
+    /// Whether the data are simulated; `None` for session logs, of which it is not known.
     pub simulated: Option<bool>,
     /// Mass the operator declared, kg.
     pub payload_kg: f64,

@@ -119,15 +119,15 @@ pub struct MappedLog {
     pub hash: String,
     /// Rising times, s.
     pub t_s: Vec<f64>,
-    /// Measured gauge pressures, Pa.
+    /// Measured gauge pressures in the order of the chambers, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
-    /// Commanded ones, if they were logged.
+    /// Commanded ones; `None` if they were not logged.
     pub commanded_pa: Option<Vec<[f64; CHAMBERS]>>,
-    /// Springs and IMUs.
+    /// Spring lengths (m), and yaw, pitch and roll of the IMUs (rad), in the order of their numbers.
     pub sensors: Vec<SensorVec>,
-    /// Declared payload, kg, if it was logged.
+    /// Declared payload, kg; `None` if it was not logged.
     pub payload_kg: Option<Vec<f64>>,
-    /// Tracked bodies on base, middle pad and end pad in the frame of the cameras.
+    /// Tracked bodies on base, middle pad and end pad, in this order, in the frame of the cameras.
     pub bodies: MappedBodies,
 }
 
@@ -136,9 +136,10 @@ pub struct MappedLog {
 pub struct MappedBodies {
     /// Rising times, s.
     pub t_s: Vec<f64>,
-    /// On base, middle pad and end pad; all `None` for a body that is not tracked.
+    /// On base, middle pad and end pad, in this order, frame of the cameras from body; all `None` for a body that is not
+    /// tracked.
     pub poses: [Vec<Option<Pose>>; 3],
-    /// Which of them are tracked.
+    /// Which of them are tracked, in the same order.
     pub tracked: [bool; 3],
 }
 
@@ -154,7 +155,10 @@ impl LogMap {
         })
     }
 
-    /// From its text; the error is a sentence.
+    /// A map from its text.
+    ///
+    /// # Errors
+    /// One sentence: what is wrong, with line and column for syntax.
     pub fn from_toml(text: &str) -> Result<Self, String> {
         let map: Self = toml::from_str(text).map_err(|e| toml_error(text, &e))?;
         map.check()?;

@@ -30,7 +30,7 @@ pub struct Overlay<'a> {
     pub after: TipSeries<'a>,
     /// Names of the residual channels; channels of the same first word share a plot.
     pub channels: &'a [String],
-    /// Residuals before: a row per channel, an entry per instant.
+    /// Residuals before, in `residual_unit`: a row per channel in the order of `channels`, an entry per instant.
     pub residual_before: &'a [Vec<f64>],
     /// The same after.
     pub residual_after: &'a [Vec<f64>],

@@ -160,7 +160,7 @@ impl Recorder {
         })
     }
 
-    /// Its first file, once it is made.
+    /// Its first file; `None` until it is made.
     pub fn path(&self) -> Option<&Arc<Path>> {
         self.shared.path.get()
     }

@@ -202,8 +202,8 @@ fn is_being_written(path: &Path) -> bool {
     file.is_ok_and(|file| !is_own(file.try_lock(), path))
 }
 
-/// Makes a recording of the last `seconds` of a rolling recording: of that which begins with the file `first`, or of the
-/// newest one. Its marks are in it.
+/// Makes a recording of the last `seconds` of a rolling recording: of that which begins with the file `first`; `None`:
+/// of the newest one. Its marks are in it.
 ///
 /// # Errors
 /// [`RecordingError::Unsupported`] when there is none; as [`join`].

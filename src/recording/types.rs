@@ -39,14 +39,14 @@ pub struct RecordingMeta {
     pub program: String,
     /// What this recording was made of, when it was computed from another one; empty for one that was measured.
     pub derived_from: String,
-    /// What to draw around the arm's centre lines; not read back.
+    /// Sizes to draw around the arm's centre lines; `None`: the centre lines alone, default pads. Not read back.
     pub drawing: Option<ArmDrawing>,
 }
 
 /// Sizes of the parts that a viewer shall see.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmDrawing {
-    /// Centre of each bellows in its segment's cross-section, m.
+    /// Centre of each bellows in its segment's cross-section, in the order of the chambers, m.
     pub bellows_m: [[f64; 3]; CHAMBERS],
     /// Radius the bellows are drawn with, m.
     pub bellows_radius_m: f64,
@@ -211,14 +211,15 @@ fn unit_of(name: &str) -> &'static str {
 /// A recording in memory.
 #[derive(Clone, Debug)]
 pub struct ReadRecording {
-    /// The snapshots. Raw frames, sensors, estimates, ground truth, goals, references and commands
-    /// are those that were recorded, bit for bit; shapes, previews and alarms are not kept.
+    /// The snapshots. Raw frames, sensors, estimates, ground truth, goals and commands are those that were recorded, bit
+    /// for bit, but for covariances, which are kept in single precision like references of the signals; shapes, previews
+    /// and alarms are not kept.
     pub trace: Trace,
     /// The session as a whole.
     pub meta: RecordingMeta,
     /// Whether the recording was ended properly.
     pub complete: bool,
-    /// For a recording that was cut: the last snapshot that could be recovered.
+    /// For a recording that was cut: the last snapshot that could be recovered; else `None`.
     pub recovered_until: Option<Stamp>,
     /// The logs, in order of time.
     pub events: Vec<RecordedEvent>,
@@ -229,16 +230,16 @@ pub struct ReadRecording {
 /// A part of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Selection {
-    /// From this time on.
+    /// From this time on; `None`: from the beginning.
     pub from: Option<Stamp>,
-    /// Up to and with this time.
+    /// Up to and with this time; `None`: to the end.
     pub to: Option<Stamp>,
     /// Only snapshots that are at least as far apart, s; 0 for all.
     pub at_least_apart_s: f64,
 }
 
 impl Selection {
-    /// Between two times, s since the session's start.
+    /// Between two times, s since the session's start; `None`: the beginning, or the end.
     pub fn between(from_s: Option<f64>, to_s: Option<f64>) -> Self {
         Self {
             from: from_s.map(Stamp::from_seconds),
@@ -315,7 +316,7 @@ pub struct RecordingSummary {
     pub bytes: u64,
     /// Number of segments.
     pub segments: u32,
-    /// Why the recording stopped before it was asked to, as one sentence.
+    /// Why the recording stopped before it was asked to, as one sentence; `None` if it did not.
     pub failed: Option<String>,
 }
 

@@ -6,9 +6,9 @@ pub enum RobotError {
     /// Not valid TOML, or a key is missing, unknown or of the wrong type.
     #[error("the robot file is not valid at line {line}, column {column}: {message}")]
     Syntax {
-        /// 1-based.
+        /// Line, 1-based.
         line: usize,
-        /// 1-based.
+        /// Column, 1-based.
         column: usize,
         /// What is wrong there.
         message: String,
@@ -42,7 +42,7 @@ pub enum RobotError {
         /// What is wrong with it, and what to do.
         why: &'static str,
     },
-    /// Nothing to take back.
+    /// The file has no patch to revert.
     #[error("the robot file carries no patch that could be taken back")]
     NoPatch,
 }

@@ -48,7 +48,7 @@ impl PadId {
 pub struct ImuMount {
     /// The pad.
     pub pad: PadId,
-    /// Nominal mounting.
+    /// Nominal mounting, pad frame from IMU frame.
     pub pad_from_imu: Rotation3<f64>,
 }
 
@@ -121,25 +121,26 @@ pub struct Uncertainty {
 pub struct KeepOut {
     /// What is there.
     pub name: String,
-    /// A point on its surface, m.
+    /// A point on its surface in the base frame, m.
     pub point_m: Vector3<f64>,
-    /// Direction out of it.
+    /// Direction out of it, in the base frame.
     pub outward: Unit<Vector3<f64>>,
 }
 
 impl KeepOut {
-    /// How deep a point is in it, m; negative outside.
+    /// How deep a point of the base frame is in it, m; negative outside.
     pub fn depth_m(&self, point_m: &Vector3<f64>) -> f64 {
         self.outward.dot(&(self.point_m - point_m))
     }
 }
 
-/// A robot, in SI units.
+/// A robot, in SI units. Arrays by bellows are in the order of the chambers, 1 to 3 in the upper and 4 to 6 in the lower
+/// segment; arrays by spring are in the order 1A, 1B to 6A, 6B; arrays by segment have the upper one first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RobotSpec {
     /// Name of the robot.
     pub name: String,
-    /// Centre of each bellows in its segment's cross-section (x, y, 0), m.
+    /// Centre of each bellows in its segment's cross-section (x, y, 0), in the axes of the base at rest, m.
     pub bellows_m: [Vector3<f64>; CHAMBERS],
     /// Thickness of the middle and end pads, m.
     pub pad_thickness_m: f64,
@@ -155,7 +156,7 @@ pub struct RobotSpec {
     pub area_m2: [f64; CHAMBERS],
     /// Axial stiffness of each bellows, N/m.
     pub axial_stiffness_n_m: [f64; CHAMBERS],
-    /// What resists a segment's motion beside its three bellows.
+    /// What resists a segment's motion beside its three bellows, upper segment first.
     pub segments: [SegmentSpec; 2],
     /// Bounds of the commanded pressure.
     pub pressure: PressureLimits,
@@ -177,19 +178,20 @@ pub struct RobotSpec {
     pub payload_com_m: f64,
     /// Heaviest payload, kg.
     pub payload_max_kg: f64,
-    /// Upper end of each spring in the frame of the pad above it, m.
+    /// Upper end of each spring in the axes of the pad above it, from the centre of that pad's lower face, m.
     pub spring_top_m: [Vector3<f64>; SPRINGS],
     /// Lower end of each spring in the frame of the pad below it, m.
     pub spring_bottom_m: [Vector3<f64>; SPRINGS],
     /// The springs' common data.
     pub spring: SpringSpec,
-    /// Mounting of each IMU.
+    /// Mounting of each IMU, 1 to 4; the nominal pads where `has_imus` is false.
     pub imus: [ImuMount; IMUS],
     /// Whether there are inductive springs; without them `spring` and their ends stand for nothing.
     pub has_springs: bool,
     /// Whether there are IMUs.
     pub has_imus: bool,
-    /// Motion capture's bodies on the base (in the base frame), the middle and the end pad (in the pad's).
+    /// Poses of motion capture's bodies: of the one on the base in the base frame, of those on the middle and the end pad in
+    /// that pad's frame; the identity for a body that the file does not name.
     pub bodies: [Pose; 3],
     /// How uncertain the numbers are.
     pub uncertainty: Uncertainty,
@@ -206,18 +208,18 @@ pub struct RobotSpec {
     pub hash: String,
     /// The same of the file without its patches.
     pub base_hash: String,
-    /// Patches of the file, in order. The fields above are the robot without it: the
-    /// simulators apply it.
+    /// Patches of the file, in order. The fields above are the robot without them: the simulators apply them.
     pub patches: Vec<Applied>,
 }
 
 impl RobotSpec {
-    /// A pose that motion capture has beside that of its body on the base, in the base frame.
+    /// The pose of a body of motion capture in the base frame. `base` is the pose of the body on the base, both in motion
+    /// capture's world.
     pub fn base_from_captured(&self, base: &Pose, body: &Pose) -> Pose {
         self.bodies[0] * base.inverse() * body
     }
 
-    /// Pad of each IMU (see [`PadId::index`]).
+    /// Pad of each IMU (see [`PadId::index`]), in the order of the IMUs.
     pub fn pad_of_imu(&self) -> [usize; IMUS] {
         self.imus.each_ref().map(|imu| imu.pad.index())
     }
@@ -231,7 +233,7 @@ impl RobotSpec {
         }
     }
 
-    /// Which sensors the arm lacks, as in "no springs and no IMUs"; nothing if it has all.
+    /// Which sensors the arm lacks, as in "no springs and no IMUs"; `None` if it has all.
     pub fn lacks(&self) -> Option<String> {
         let lacks: Vec<&str> = [(self.has_springs, "no springs"), (self.has_imus, "no IMUs")]
             .into_iter()
@@ -240,7 +242,7 @@ impl RobotSpec {
         (!lacks.is_empty()).then(|| lacks.join(" and "))
     }
 
-    /// Why this program cannot drive the arm; nothing if it can.
+    /// Why this program cannot drive the arm; `None` if it can.
     pub fn why_not_driven(&self) -> Option<String> {
         self.lacks().map(|lacks| {
             format!(

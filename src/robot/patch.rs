@@ -1,7 +1,7 @@
 //! Patches at the end of a robot file: corrections found on one rig, on top of its file.
 //!
 //! A patched file is the text it was applied to, byte for byte, then one comment line with the
-//! SHA-256 of that text, then a `[[patches]]` table. Patches stack; the last one can be taken back.
+//! SHA-256 of that text, then a `[[patches]]` table. Patches stack; the last one can be reverted.
 //! What the names in a patch mean is defined by the simulators, not here.
 
 use std::collections::BTreeMap;
@@ -54,10 +54,10 @@ pub struct PatchLaw {
     /// Its equation, for people.
     #[serde(default)]
     pub equation: String,
-    /// Chamber, spring, IMU or segment (1-based); all of them without it.
+    /// Chamber, spring, IMU or segment (1-based); `None`: all of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target: Option<usize>,
-    /// Its coefficients and what shapes it.
+    /// Its coefficients and what shapes it, by the name of the parameter.
     pub params: BTreeMap<String, PatchValue>,
 }
 
@@ -67,10 +67,10 @@ pub struct PatchLaw {
 pub struct PatchEffect {
     /// Which effect.
     pub id: String,
-    /// Chamber, spring, IMU or segment (1-based); all of them without it.
+    /// Chamber, spring, IMU or segment (1-based); `None`: all of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target: Option<usize>,
-    /// Its parameters.
+    /// Its parameters, by name.
     pub params: BTreeMap<String, PatchValue>,
 }
 
@@ -80,10 +80,10 @@ pub struct PatchEffect {
 pub struct PatchValue {
     /// Value in `unit`.
     pub value: f64,
-    /// SI unit.
+    /// SI unit; empty for a ratio.
     #[serde(default)]
     pub unit: String,
-    /// 95 % interval.
+    /// 95 % interval in `unit`, lower end first; `None` where none is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ci95: Option<[f64; 2]>,
 }
@@ -91,7 +91,7 @@ pub struct PatchValue {
 /// A patch in its place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Applied {
-    /// Hash of the robot it was put on.
+    /// Hash of the robot it was applied to.
     pub onto: String,
     /// Its value.
     pub patch: Patch,
@@ -112,7 +112,7 @@ struct Section<'a> {
     patches: [&'a Patch; 1],
 }
 
-/// The text of a robot file with a patch put on it. [`RobotSpec::from_toml`] checks whether the result
+/// The text of a robot file with a patch applied to it. [`RobotSpec::from_toml`] checks whether the result
 /// holds.
 pub fn with_patch(text: &str, patch: &Patch) -> String {
     let section = match toml::to_string(&Section { patches: [patch] }) {

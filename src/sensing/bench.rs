@@ -586,10 +586,10 @@ fn quality(
     }
 }
 
-/// The verdict on every spring of a log, in order of their numbers.
+/// The verdict on every spring of a log, in order of their numbers. Springs are 1-based.
 pub type SpringVerdicts = Vec<(usize, Result<FitQuality, FitError>)>;
 
-/// Fits every spring of a log. The calibration holds those that passed; the verdicts name all.
+/// Fits every spring of a log. The calibration holds those that passed; the verdicts name all. `needed_m` is as in [`fit`].
 pub fn calibrate(
     log: &BenchLog,
     name: &str,

@@ -60,12 +60,12 @@ pub struct Curve {
     pub scale: f64,
     /// c_0 … c_4, m.
     pub coefficients_m: [f64; 5],
-    /// Lowest and highest reading the curve speaks for.
+    /// Lowest and highest reading the curve speaks for, in the unit of [`Self::quantity`].
     pub domain: [f64; 2],
 }
 
 impl Curve {
-    /// The paper's quartic with the sign of its last coefficient turned, e = +1.119e-7.
+    /// The paper's quartic (eq. 2) with the sign of its last coefficient turned, e = +1.119e-7.
     ///
     /// As printed (−1.119e-7) the curve peaks near 20.5 and can never give 70 mm. With the other
     /// sign it runs from 69.9 mm at I = 122.3 to 239.9 mm at I = 177.0, the range the paper states.
@@ -265,7 +265,7 @@ pub struct ImuCalibration {
     pub zero: ImuZero,
 }
 
-/// Constant errors of an IMU's readings, in its own axes.
+/// Constant errors of an IMU's readings, along its own axes x, y, z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuZero {
     /// Reading of the gyro at rest, rad/s.
@@ -310,13 +310,14 @@ pub struct Calibration {
     pub date: String,
     /// SHA-256 of the bench log, hexadecimal.
     pub bench_sha256: String,
-    /// Number of the arm, as its boards gave it.
+    /// Number of the arm, as its boards gave it; `None` where they gave none.
     pub rig: Option<u32>,
     /// The springs, in order of their numbers; some may be missing.
     pub springs: Vec<SpringCalibration>,
-    /// Mountings and zeros of the IMUs, in order of their numbers; none means nominal.
+    /// Mountings and zeros of the IMUs, in order of their numbers; an IMU that is not in it has the nominal mounting and no
+    /// errors.
     pub imus: Vec<ImuCalibration>,
-    /// How the base hangs: level from base = exp((x, y, 0)), rad.
+    /// How the base hangs: level from base = exp((x, y, 0)), a rotation vector in rad.
     pub base_tilt_rad: [f64; 2],
 }
 
@@ -337,14 +338,15 @@ impl Calibration {
         self.bench_sha256 == shipped.bench_sha256 || self.springs.iter().any(is_shipped)
     }
 
-    /// The calibration of spring `i` (0-based), if there is one that starts from a frequency.
+    /// The calibration of spring `i` (0-based); `None` if there is none that starts from a frequency.
     pub fn spring(&self, i: usize) -> Option<&SpringCalibration> {
         self.springs
             .iter()
             .find(|s| s.spring == i + 1 && s.curve.quantity == Quantity::InductanceUh)
     }
 
-    /// Correction of the mounting of IMU `i` (0-based): pad from IMU = correction · nominal.
+    /// Correction of the mounting of IMU `i` (0-based): pad from IMU = correction · nominal; the identity where there is
+    /// none.
     pub fn mounting(&self, i: usize) -> UnitQuaternion<f64> {
         UnitQuaternion::from_scaled_axis(self.imu_entry(i).fit.correction_rad)
     }
@@ -388,8 +390,8 @@ impl Calibration {
             .all(|s| s.ends_off_m == [Vector3::zeros(); 2])
     }
 
-    /// What a length of spring `i` (0-based) errs by for what is not known of its ends, if an adjustment has determined
-    /// it, one standard deviation, m.
+    /// What a length of spring `i` (0-based) errs by for what is not known of its ends, one standard deviation, m; `None`
+    /// where no adjustment has determined it.
     pub fn ends_sd_m(&self, i: usize) -> Option<f64> {
         self.springs.iter().find(|s| s.spring == i + 1)?.ends_sd_m
     }

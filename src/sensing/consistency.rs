@@ -77,9 +77,9 @@ struct Kept {
 /// Finding on a segment by its poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Finding {
-    /// Probability that each spring is faulty.
+    /// Probability that each spring of the segment is faulty, in the order of the springs.
     pub probability: [f64; LEGS],
-    /// Whether it does not move, if it is.
+    /// Whether it does not move, if it is; in the same order.
     pub is_stuck: [bool; LEGS],
     /// Something is wrong, and it is not certain what.
     pub is_suspect: bool,
@@ -120,11 +120,11 @@ pub struct Consistency {
 pub struct Look {
     /// Time, s.
     pub t_s: f64,
-    /// Lengths as read, without lag, m.
+    /// Lengths as read, without lag, in the order of the segment's springs, m; `None` for a spring not to be used.
     pub length_m: [Option<f64>; LEGS],
-    /// The pad above (the base: at its origin), orientation by its IMUs, place by the estimator.
+    /// The pad above (the base: at its origin), base from pad: orientation by its IMUs, place by the estimator.
     pub upper: Pose,
-    /// The pad below.
+    /// The pad below, base from pad.
     pub lower: Pose,
 }
 
@@ -177,7 +177,8 @@ impl Hypothesis {
 }
 
 impl Consistency {
-    /// `spring_sd_m`: how far healthy springs are off by their ends; `calibrated`: whether the IMUs were.
+    /// `spring_sd_m`: how far healthy springs are off by their ends, in the order of the springs; `calibrated`: whether the
+    /// IMUs were.
     pub fn new(spring_sd_m: [f64; SPRINGS], calibrated: bool) -> Self {
         let segment = Segment {
             kept: [Kept::default(); POSES],
@@ -196,7 +197,7 @@ impl Consistency {
         }
     }
 
-    /// What was found in a segment.
+    /// What was found in a segment (0-based).
     pub fn finding(&self, segment: usize) -> &Finding {
         &self.segments[segment].finding
     }

@@ -30,9 +30,9 @@ const BIASES: usize = 24;
 /// Verdict on one segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Verdict {
-    /// Probability that each spring is faulty.
+    /// Probability that each spring of the segment is faulty, in the order of the springs.
     pub springs: [f64; LEGS],
-    /// The same of each IMU of the lower pad, by its number.
+    /// The same of each IMU of the lower pad, at its own index among all four.
     pub imus: [f64; IMUS],
     /// Something is wrong in the segment, and it is not certain what.
     pub is_suspect: bool,
@@ -63,7 +63,7 @@ pub struct Faults {
 }
 
 impl Faults {
-    /// Verdict on a segment.
+    /// Verdict on a segment (0-based).
     pub fn verdict(&self, segment: usize) -> &Verdict {
         &self.verdicts[segment]
     }

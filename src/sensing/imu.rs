@@ -32,7 +32,7 @@ pub enum Tuning {
     Arm,
 }
 
-/// Orientation of one IMU in an earth frame (z up, heading arbitrary).
+/// Orientation of one IMU in an earth frame (z up, heading arbitrary). Readings are in the IMU's own axes.
 pub struct ImuFilter {
     vqf: VQF,
     nominal_dt_s: f64,
@@ -185,7 +185,7 @@ impl ImuTrack {
         )
     }
 
-    /// Sets the heading offset, rad.
+    /// Sets the heading offset, rad; `base_from_level` is how the base hangs.
     pub fn set_heading(&mut self, base_from_level: &UnitQuaternion<f64>, heading_rad: f64) {
         self.heading_rad = heading_rad;
         self.base_from_pad = self.with_heading(base_from_level, heading_rad);

@@ -198,7 +198,8 @@ impl Sensing {
         self.filter.poses()
     }
 
-    /// The same by the springs alone, as of the last frame: `None` below a segment with a spring that is not healthy.
+    /// The same by the springs alone, as of the last frame: `None` below a segment with a spring that is not healthy, and
+    /// before the first frame.
     pub fn pads_by_springs(&self) -> [Option<Pose>; 2] {
         let Some(last) = &self.last else {
             return [None; 2];
@@ -211,7 +212,7 @@ impl Sensing {
         [ok(0).then_some(middle), (ok(0) && ok(1)).then_some(end)]
     }
 
-    /// Normalised innovations squared of each spring and IMU, averaged over two seconds; 1 for noise alone.
+    /// Normalised innovations squared of each spring, then of each IMU, averaged over two seconds; 1 for noise alone.
     pub fn nis(&self) -> &[f64; SPRINGS + IMUS] {
         &self.nis
     }
@@ -221,7 +222,7 @@ impl Sensing {
         &self.faults
     }
 
-    /// Plugs or boards that are exchanged.
+    /// Plugs or boards that are exchanged; `None` while that is not certain.
     pub fn wiring(&self) -> Option<Swap> {
         self.wiring.verdict()
     }
@@ -231,7 +232,7 @@ impl Sensing {
         &self.filter
     }
 
-    /// What is most uncertain, while the pads' poses are not known.
+    /// What is most uncertain, while the pads' poses are not known; `None` once they are.
     pub fn need(&self) -> Option<Need> {
         let mut worst: Option<(f64, Need)> = None;
         for p in 0..2 {

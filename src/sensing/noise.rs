@@ -20,7 +20,7 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// With an assumed standard deviation, and the smallest that is believed.
+    /// With an assumed standard deviation, and the smallest that is believed, both in the signal's unit.
     pub fn new(assumed: f64, least: f64) -> Self {
         Self {
             past: [0.0; 2],
@@ -31,7 +31,7 @@ impl Noise {
         }
     }
 
-    /// Takes in a reading, or that there is none.
+    /// Takes in a reading; `None`: there is none.
     pub fn update(&mut self, reading: Option<f64>) {
         let Some(y) = reading else {
             self.fresh = 0;
@@ -48,7 +48,7 @@ impl Noise {
         self.fresh = (self.fresh + 1).min(2);
     }
 
-    /// Variance of one reading.
+    /// Variance of one reading, in the signal's unit squared.
     pub fn variance(&self) -> f64 {
         self.variance
     }

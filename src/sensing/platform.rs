@@ -34,15 +34,16 @@ const TURN_WEIGHT: f64 = 1.0 / (ROTATION_SIGMA_RAD * LEVER_M * ROTATION_SIGMA_RA
 const STEP_MAX_M: f64 = 0.03;
 const ITERATIONS_MAX: usize = 25;
 
-/// Rotation error per length error, rad/m: rows of the inverse Jacobian.
+/// Rotation error (rotation vector in the upper frame) per length error, rad/m: rows of the inverse Jacobian, one column
+/// per leg.
 pub type RotationPerLength = SMatrix<f64, 3, LEGS>;
 
 /// The six legs of one segment.
 #[derive(Clone, Debug)]
 pub struct Segment {
-    /// Upper ends in the frame of the face above, m.
+    /// Upper ends in the frame of the face above, in the order of the springs, m.
     pub top_m: [Vector3<f64>; LEGS],
-    /// Lower ends in the frame of the pad below, m.
+    /// Lower ends in the frame of the pad below, in the order of the legs, m.
     pub bottom_m: [Vector3<f64>; LEGS],
     /// Distance of the faces at rest, m.
     pub rest_m: f64,
@@ -53,22 +54,22 @@ pub struct Segment {
 pub struct Known {
     /// Length per leg, m; `None` for a leg not to be used.
     pub length_m: [Option<f64>; LEGS],
-    /// Rotation upper from lower by the IMUs, to make up for missing legs.
+    /// Rotation upper from lower by the IMUs, to make up for missing legs; `None`: the lengths alone are used.
     pub upper_from_lower: Option<UnitQuaternion<f64>>,
 }
 
 /// Where springs end and IMUs sit, by the calibration.
 #[derive(Clone, Debug)]
 pub struct Geometry {
-    /// The segments by themselves.
+    /// The segments by themselves, upper one first.
     pub segments: [Segment; 2],
-    /// Upper ends in the frame of the base or of the middle pad's upper face, m.
+    /// Upper ends of all springs, in the frame of the base or of the middle pad's upper face, m.
     pub top_m: [Vector3<f64>; 2 * LEGS],
-    /// Lower ends in the frame of the pad below, m.
+    /// Lower ends of all springs, in the frame of the pad below, m.
     pub bottom_m: [Vector3<f64>; 2 * LEGS],
     /// Pad of each IMU: 0 the middle one, 1 the end pad.
     pub pad_of_imu: [usize; IMUS],
-    /// Mounting of each IMU.
+    /// Mounting of each IMU by the calibration, pad from IMU.
     pub pad_from_imu: [Rotation3<f64>; IMUS],
     /// By how much the calibration moved the upper and the lower ends from the drawing, m.
     off_m: [[Vector3<f64>; 2]; 2 * LEGS],
@@ -94,8 +95,8 @@ impl Geometry {
         }
     }
 
-    /// Length of spring `i` with its ends as in the drawing less that with its ends as calibrated, at these poses of the
-    /// middle and the end pad, m.
+    /// Length of spring `i` (0-based) with its ends as in the drawing less that with its ends as calibrated, at these poses
+    /// of the middle and the end pad, m.
     ///
     /// Networks are trained on the drawing: added to a length, it gives the one that a spring of the drawing would have.
     pub fn drawing_offset_m(&self, i: usize, base_from_pad: [&Pose; 2]) -> f64 {
@@ -115,9 +116,9 @@ impl Geometry {
         distance_m(top_m - top_off_m, bottom_m - bottom_off_m) - distance_m(top_m, bottom_m)
     }
 
-    /// The lengths that springs of the drawing would have where those of the calibration have these, m. The pads'
-    /// orientations in the base give the poses, as arcs of the median stretch: half a millimetre at an end needs no better
-    /// one, and no length that is wrong has a say in another.
+    /// The lengths that springs of the drawing would have where those of the calibration have these, m. The middle and
+    /// the end pad's orientations, base from pad, give the poses, as arcs of the median stretch: half a millimetre at an
+    /// end needs no better one, and no length that is wrong has a say in another.
     pub fn lengths_of_drawing(
         &self,
         spec: &RobotSpec,
@@ -184,12 +185,12 @@ impl Segment {
         segment
     }
 
-    /// The pose at rest: straight down.
+    /// The pose at rest, upper from lower: straight down.
     pub fn rest(&self) -> Pose {
         Translation3::new(0.0, 0.0, -self.rest_m).into()
     }
 
-    /// Spring lengths at a pose, m.
+    /// Spring lengths at a pose, upper from lower, in the order of the legs, m.
     pub fn lengths_m(&self, upper_from_lower: &Pose) -> [f64; LEGS] {
         std::array::from_fn(|i| self.leg(upper_from_lower, i).0.norm())
     }
@@ -203,7 +204,7 @@ impl Segment {
         )
     }
 
-    /// ∂l/∂(t, ρω): t in m, ω a rotation vector in the upper frame times the lever ρ = 75 mm.
+    /// ∂l/∂(t, ρω), one row per leg: t in m, ω a rotation vector in the upper frame times the lever ρ = 75 mm.
     pub fn jacobian(&self, upper_from_lower: &Pose) -> Matrix6<f64> {
         let mut j = Matrix6::zeros();
         for i in 0..LEGS {
@@ -246,7 +247,7 @@ fn information(jacobian: &Matrix6<f64>, known: &Known) -> Matrix6<f64> {
     normal
 }
 
-/// Finds the pose that fits the known lengths (and rotation, if given), starting from `start`.
+/// Finds the pose, upper from lower, that fits the known lengths (and rotation, if given), starting from `start`.
 ///
 /// With fewer than six legs and no rotation, what is not measured stays as it was in `start`.
 pub fn solve(segment: &Segment, known: &Known, start: &Pose) -> Solution {
@@ -308,7 +309,7 @@ pub fn solve(segment: &Segment, known: &Known, start: &Pose) -> Solution {
     solution
 }
 
-/// A solution to start from: the found one if it hangs below, else the rest pose.
+/// A solution to start from, upper from lower: the found one if it hangs below, else the rest pose.
 pub fn plausible(segment: &Segment, found: &Solution) -> Pose {
     let z_m = found.upper_from_lower.translation.vector.z;
     if found.converged && z_m < 0.0 && z_m > -4.0 * segment.rest_m {
@@ -318,7 +319,7 @@ pub fn plausible(segment: &Segment, found: &Solution) -> Pose {
     }
 }
 
-/// Middle and end pad in the base frame from the lengths of all springs, m.
+/// Middle and end pad, base from pad, from the lengths of all springs in their order, m.
 pub fn pads_of_lengths(spec: &RobotSpec, length_m: &[f64; 2 * LEGS]) -> [Pose; 2] {
     let poses = std::array::from_fn(|k| {
         let segment = Segment::of(spec, k);
@@ -331,7 +332,7 @@ pub fn pads_of_lengths(spec: &RobotSpec, length_m: &[f64; 2 * LEGS]) -> [Pose; 2
     pads(spec, &poses)
 }
 
-/// Middle and end pad in the base frame from the two segments' poses.
+/// Middle and end pad, base from pad, from the two segments' poses, upper segment first.
 pub fn pads(spec: &RobotSpec, upper_from_lower: &[Pose; 2]) -> [Pose; 2] {
     let base_from_middle = upper_from_lower[0];
     // The second segment hangs on the middle pad's lower face.

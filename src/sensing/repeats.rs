@@ -59,7 +59,7 @@ pub struct Repeats {
 pub struct RawLength {
     /// Count and gate, ticks.
     pub raw: (u32, u32),
-    /// Length that it should have, m, and its rate, m/s.
+    /// Length that it should have, m.
     pub expected_m: f64,
     /// Rate of that, m/s.
     pub rate_m_s: f64,

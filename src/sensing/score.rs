@@ -32,7 +32,7 @@ pub struct Judged {
     pub counts: bool,
 }
 
-/// Scores estimates against references after the mean heading offset of the first `align` pairs, counted or
+/// Scores estimates against references after the mean heading offset of the first `align` pairs (at least one), counted or
 /// not, is taken out of all estimates (a filter without magnetometer starts anywhere). A single pair
 /// would bring its own noise in.
 pub fn score(pairs: &[Judged], align: usize) -> OrientationScore {

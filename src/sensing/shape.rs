@@ -28,7 +28,8 @@ pub fn shape_by_sensors(robot: &RobotSpec, frame: &SensorFrame) -> Option<ArmSha
     Some(shape_by_pads(robot, pads(robot, &upper_from_lower)))
 }
 
-/// The shape of an arm whose middle and end pads stand there: springs between them, and backbones as in [`shape_by_sensors`].
+/// The shape of an arm whose middle and end pads (base from pad) stand there: springs between them, and backbones as in
+/// [`shape_by_sensors`].
 pub fn shape_by_pads(robot: &RobotSpec, [middle, end]: [Pose; 2]) -> ArmShape {
     let below = Pose::translation(0.0, 0.0, -robot.pad_thickness_m);
     let upper = [Pose::identity(), middle * below];

@@ -15,7 +15,7 @@ pub enum SpringReading {
 }
 
 impl SpringReading {
-    /// The length, m, where there is one.
+    /// The length, m; `None` where there is none.
     pub fn length_m(self) -> Option<f64> {
         match self {
             Self::Length(length_m) => Some(length_m),
@@ -34,7 +34,7 @@ pub fn frequency_hz(counts: u32, gate_ticks: u32, tick_rate_hz: f64) -> Option<f
     Some(f64::from(counts) * tick_rate_hz / f64::from(gate_ticks))
 }
 
-/// Length of a spring from one reciprocal count.
+/// Length of a spring from one reciprocal count. Without a calibration (`None`) it is [`SpringReading::Nothing`].
 pub fn read(
     calibration: Option<&SpringCalibration>,
     counts: u32,
@@ -55,7 +55,7 @@ pub fn read(
     }
 }
 
-/// Length per tick of the gate at this count, m; zero where that is unknown.
+/// Length per tick of the gate at this count, m; zero where that is unknown, and without a calibration (`None`).
 pub fn resolution_m(
     calibration: Option<&SpringCalibration>,
     counts: u32,
@@ -70,7 +70,7 @@ pub fn resolution_m(
 }
 
 impl Calibration {
-    /// Length of spring `i` (0-based) by its own count in a frame, m, where there is one.
+    /// Length of spring `i` (0-based) by its own count in a frame, m; `None` where there is none.
     pub fn length_m(&self, raw: &RawFrame, i: usize) -> Option<f64> {
         let (counts, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
         let rate_hz = raw.spring_tick_rate_hz(i);

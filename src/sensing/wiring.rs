@@ -75,13 +75,13 @@ fn order(swap: Option<Swap>) -> ([usize; SPRINGS], [usize; IMUS]) {
 }
 
 impl Wiring {
-    /// What is exchanged, if that is certain.
+    /// What is exchanged; `None` while that is not certain, or nothing is.
     pub fn verdict(&self) -> Option<Swap> {
         self.verdict
     }
 
-    /// Takes in a frame of slow motion with all its lengths; keeps it if the arm is somewhere else, and tries one more
-    /// candidate.
+    /// Takes in a frame of slow motion with all its lengths `length_m`, in the order of the springs; keeps it if the arm
+    /// is somewhere else, and tries one more candidate.
     pub fn observe(
         &mut self,
         frame: &RawFrame,

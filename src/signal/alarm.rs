@@ -114,7 +114,7 @@ pub enum AlarmCause {
     SegmentSuspect {
         /// 0-based.
         segment: usize,
-        /// Channels in question with their probabilities, likeliest first.
+        /// Channels in question by name with their probabilities, likeliest first.
         suspects: Vec<(String, f64)>,
     },
     /// The pads' poses are not known yet.

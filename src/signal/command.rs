@@ -50,7 +50,8 @@ impl PressureCommand {
     /// Clamps `wanted_pa` into the limits and into the rate limit from `previous`.
     ///
     /// A wanted value that is not finite is replaced by the previous one (or by 0 Pa when there is
-    /// none). Without a `previous` command the start is taken to be `measured_pa`.
+    /// none). Without a `previous` command (`None`) the start is taken to be `measured_pa`. A `gripper` of `None` leaves
+    /// the gripper as it is. Pressures are gauge pressures in the order of the chambers, Pa.
     pub fn limited(
         stamp: Stamp,
         wanted_pa: [f64; CHAMBERS],
@@ -91,7 +92,7 @@ impl PressureCommand {
         self.stamp
     }
 
-    /// Set gauge pressure per chamber, Pa.
+    /// Set gauge pressure of each chamber, 1 to 6, Pa.
     pub fn chamber_pa(&self) -> &[f64; CHAMBERS] {
         &self.chamber_pa
     }

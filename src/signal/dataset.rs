@@ -3,11 +3,11 @@ use super::{CHAMBERS, Pose, SensorVec};
 /// One settled pose with what the sensors would read there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
-    /// Gauge pressure per chamber, Pa.
+    /// Gauge pressure of each chamber, 1 to 6, Pa.
     pub chamber_pa: [f64; CHAMBERS],
     /// Mass in the gripper, kg.
     pub payload_kg: f64,
-    /// Force on the end pad's origin in the base frame, N.
+    /// Force on the end pad's origin in the base frame (x, y, z), N.
     pub tip_force_n: [f64; 3],
     /// Whether the sample is known to be one of another arm than its model's, or with its pads displaced: stiffnesses,
     /// attachments of springs or pads off nominal, a force that is not in `tip_force_n`.

@@ -9,12 +9,12 @@ use super::{
 /// Number of micro-controller boards that share the sensors: one per segment.
 pub const BOARDS: usize = 2;
 
-/// One reading of an inertial measurement unit, in its own (mounted) axes.
+/// One reading of an inertial measurement unit, in its own axes (IMU frame: x, y, z).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ImuRaw {
-    /// Angular rate, rad/s.
+    /// Angular rate about x, y, z of the IMU, rad/s.
     pub gyro_rad_s: [f64; 3],
-    /// Specific force, m/s² (about +9.81 on the upward axis at rest).
+    /// Specific force along x, y, z of the IMU, m/s² (about +9.81 on the upward axis at rest).
     pub accel_m_s2: [f64; 3],
 }
 
@@ -28,17 +28,17 @@ pub struct RawFrame {
     pub seq: u32,
     /// When the frame was sampled, on the session's time base.
     pub stamp: Stamp,
-    /// Oscillator periods counted per spring within its gate.
+    /// Oscillator periods counted within its gate, per spring in the order 1A, 1B to 6A, 6B.
     pub spring_counts: [u32; SPRINGS],
     /// Length of each spring's gate in clock ticks of its board.
     pub spring_gate_ticks: [u32; SPRINGS],
-    /// Ticks per second of each board's clock, on the session's time base.
+    /// Ticks per second of each board's clock, on the session's time base, board 1 first.
     pub tick_rate_hz: [f64; BOARDS],
     /// Relative standard deviation of each of them, s/s; 0 where it is taken as exact.
     pub tick_rate_sd: [f64; BOARDS],
-    /// Raw inertial readings.
+    /// Raw inertial readings of IMUs 1 to 4.
     pub imu: [ImuRaw; IMUS],
-    /// Gauge pressure of each chamber, Pa.
+    /// Gauge pressure of each chamber, 1 to 6, Pa.
     pub chamber_pa: [f64; CHAMBERS],
     /// Bits 0-11 springs, 12-15 IMUs, 16-21 chambers: set when the channel was delivered.
     pub present: u32,
@@ -88,9 +88,9 @@ impl RawFrame {
 /// The 24 geometric sensor signals: spring lengths and pad orientations measured by the IMUs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorVec {
-    /// Length of each spring between its two pads, m.
+    /// Length of each spring between its two pads, in the order 1A, 1B to 6A, 6B, m.
     pub spring_m: [f64; SPRINGS],
-    /// Yaw, pitch, roll of the pad under each IMU in the base frame, rad (nominal mounting removed).
+    /// Yaw, pitch, roll of the pad under each IMU (1 to 4), base from pad, rad (nominal mounting removed).
     pub imu_ypr_rad: [[f64; 3]; IMUS],
 }
 
@@ -138,9 +138,10 @@ pub enum Swap {
 /// What channels that are not right delivered nevertheless; `None` for the others, and where nothing came.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Delivered {
-    /// Length per spring, m.
+    /// Length per spring, m, in the order of [`SensorVec::spring_m`]; `None` for a channel that is right or delivered
+    /// nothing.
     pub spring_m: [Option<f64>; SPRINGS],
-    /// Yaw, pitch, roll of the pad per IMU, rad.
+    /// Yaw, pitch, roll of the pad per IMU, base from pad, rad; `None` likewise.
     pub imu_ypr_rad: [Option<[f64; 3]>; IMUS],
 }
 
@@ -176,12 +177,13 @@ pub struct SensorFrame {
     /// The 24 signals. Those of channels that are not usable are reconstructed from the other channels; where that is
     /// impossible, the last good value is held.
     pub sensors: SensorVec,
-    /// Standard deviation by which each of the 24 signals may be off beyond its usual noise, m and rad: because it is
-    /// reconstructed, inconsistent with the others, or its heading has not been confirmed for a while; [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones. Recordings do not keep it.
+    /// Standard deviation by which each of the 24 signals (order of [`SensorVec::to_vector`]) may be off beyond its usual
+    /// noise, m and rad: because it is reconstructed, inconsistent with the others, or its heading has not been confirmed for
+    /// a while; [`UNKNOWN_M`] and [`UNKNOWN_RAD`] for held ones. Recordings of the first layout and logs do not keep it: 0.
     pub extra_sigma: [f64; SIGNALS],
     /// What the channels that are not [`ChannelHealth::Ok`] delivered in place of what `sensors` has for them.
     pub delivered: Delivered,
-    /// Gauge pressure of each chamber, Pa.
+    /// Gauge pressure of each chamber, 1 to 6, Pa.
     pub chamber_pa: [f64; CHAMBERS],
     /// Which channels may be used.
     pub health: Health,

@@ -32,11 +32,11 @@ impl ChannelHealth {
 /// Health of every channel at one instant.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Health {
-    /// Per spring.
+    /// Per spring, in the order 1A, 1B to 6A, 6B.
     pub springs: [ChannelHealth; SPRINGS],
-    /// Per IMU.
+    /// Per IMU, 1 to 4.
     pub imus: [ChannelHealth; IMUS],
-    /// Per chamber gauge.
+    /// Per chamber gauge, 1 to 6.
     pub chambers: [ChannelHealth; CHAMBERS],
 }
 

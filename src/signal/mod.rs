@@ -3,6 +3,10 @@
 //! Everything here is plain data in SI units (seconds, metres, radians, pascals, kilograms);
 //! every dimensional name ends in its unit. Transforms are written `a_from_b`, vectors `x_in_a`.
 //! This module imports no other.
+//!
+//! Indices are 0-based. Arrays by chamber, spring, IMU or board are in the order of their numbers, arrays by segment have
+//! the upper one (base to middle pad) first. Springs 1 to 12 are 1A, 1B to 6A, 6B. Pressures are gauge pressures. Bare
+//! positions, forces and poses of pads are in the base frame.
 
 mod alarm;
 mod capital;

@@ -33,8 +33,8 @@ pub fn pose_error(actual: &Pose, wanted: &Pose) -> Vector6 {
     Vector6::new(d.x, d.y, d.z, w.x, w.y, w.z)
 }
 
-/// The pose a share (0 to 1) of the way between two: straight in translation, the shorter turn in rotation; at half a
-/// turn, where both turns are as long, one of them.
+/// The pose a share (0 to 1) of the way between two in the same frame: straight in translation, the shorter turn in
+/// rotation; at half a turn, where both turns are as long, one of them.
 pub fn pose_between(from: &Pose, to: &Pose, share: f64) -> Pose {
     // The least sine of an angle that shows in the cosine is 1.5e-8: there always is a pose.
     from.try_lerp_slerp(to, share, 1e-9).unwrap_or(*to)
@@ -53,7 +53,7 @@ pub enum OrientationGoal {
 }
 
 impl OrientationGoal {
-    /// The rotation nearest to `rotation` that fulfils it.
+    /// The rotation nearest to `rotation` that fulfils it, both base from tip.
     pub fn nearest(&self, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         match self {
             Self::Free => *rotation,
@@ -92,7 +92,7 @@ pub struct Goal {
 }
 
 impl Goal {
-    /// A position-only goal with the usual 1 mm tolerance.
+    /// A position-only goal (base frame) with the usual 1 mm tolerance.
     pub fn position(position_m: [f64; 3]) -> Self {
         Self {
             position_m,
@@ -107,7 +107,7 @@ impl Goal {
 pub struct Via {
     /// In the base frame, m.
     pub position_m: [f64; 3],
-    /// How that point moves, m/s.
+    /// How that point moves, in the base frame, m/s.
     pub velocity_m_s: [f64; 3],
 }
 

@@ -64,18 +64,20 @@ impl Need {
 /// How well the channels agree, as the estimator finds it. Recordings do not keep it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Normalised innovation squared of each spring, then of each IMU, averaged over two seconds: 1 for noise alone.
+    /// Normalised innovation squared of each spring (1 to 12), then of each IMU (1 to 4), averaged over two seconds: 1 for
+    /// noise alone.
     pub nis: [f64; SPRINGS + IMUS],
-    /// Probability that each spring, then each IMU, is faulty.
+    /// Probability that each spring, then each IMU, is faulty; order of `nis`.
     pub fault_probability: [f64; SPRINGS + IMUS],
-    /// How much more each spring reads than the other sensors allow, m, where it is named as faulty or has jumped.
+    /// How much more each spring reads than the other sensors allow, m, where it is named as faulty or has jumped; `None` for
+    /// the others.
     pub spring_off_m: [Option<f64>; SPRINGS],
-    /// Something is wrong in a segment, and it is not certain which channel.
+    /// Whether something is wrong in a segment and it is not certain which channel; upper segment first.
     pub segment_suspect: [bool; SEGMENTS],
     /// Whether geometry gives the pose of each segment from the channels that are delivered: the lengths of its springs
     /// and the inclinations of its pads are at least six.
     pub is_determined: [bool; SEGMENTS],
-    /// What is most uncertain, while the pads' poses are not known.
+    /// What is most uncertain, while the pads' poses are not known; `None` once they are.
     pub need: Option<Need>,
 }
 
@@ -148,11 +150,11 @@ pub struct Evidence {
     pub health: ChannelHealth,
     /// Probability that it is faulty.
     pub probability: f64,
-    /// How much more a spring reads than the other sensors allow, m, where that is why.
+    /// How much more a spring reads than the other sensors allow, m, where that is why; `None` for an IMU or another reason.
     pub off_m: Option<f64>,
     /// Standard deviation beyond the usual noise of what stands for it, m or rad; for an IMU the largest of its angles.
     pub extra_sigma: f64,
-    /// Standard deviation of the heading of an IMU's pad, rad, where only that keeps the IMU from being used.
+    /// Standard deviation of the heading of an IMU's pad, rad, where only that keeps the IMU from being used; else `None`.
     pub heading_sd_rad: Option<f64>,
 }
 

@@ -8,11 +8,11 @@ use super::{Pose, Stamp};
 /// `k` to pad `k + 1` through `base_from_section[k]` in order, first and last included.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ArmShape {
-    /// Cross-sections along each segment, top to bottom, base from section.
+    /// Cross-sections along each segment, upper segment first, each top to bottom, base from section.
     pub base_from_section: [Vec<Pose>; 2],
-    /// Fixed top pad (lower face), middle pad (upper face), end pad (upper face), base from pad.
+    /// Fixed top pad (lower face), middle pad (upper face), end pad (upper face), in this order, base from pad.
     pub base_from_pad: [Pose; 3],
-    /// Both ends of each spring in the base frame, top then bottom, m.
+    /// Both ends of each spring in the base frame, top then bottom, m; springs in their order.
     pub spring_ends_m: [[[f64; 3]; 2]; super::SPRINGS],
 }
 
@@ -31,7 +31,7 @@ pub enum Simulator {
 pub struct Skin {
     /// Vertices in the base frame, m.
     pub positions_m: Vec<[f64; 3]>,
-    /// Outward normals of unit length, one per vertex.
+    /// Outward normals of unit length in the base frame, one per vertex.
     pub normals: Vec<[f64; 3]>,
     /// Indices of each triangle, counterclockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
@@ -48,7 +48,7 @@ pub struct MeshShape {
     pub shape: ArmShape,
     /// The surface.
     pub skin: Skin,
-    /// Distance of its tip from the rod model's at the same pressures and payload, m; none where the rod
-    /// model finds no equilibrium.
+    /// Distance of its tip from the rod model's at the same pressures and payload, m; `None` where the rod model finds no
+    /// equilibrium.
     pub apart_m: Option<f64>,
 }

@@ -22,7 +22,7 @@ pub struct Estimate {
     pub stamp: Stamp,
     /// Pose of the end pad's origin in the base frame.
     pub base_from_tip: Pose,
-    /// Covariance over translation (m) and rotation vector (rad).
+    /// Covariance over translation (m) and rotation vector (rad), both in the base frame.
     pub covariance: Matrix6,
     /// Distance of the sensor vector from the training data in standard deviations
     /// (Mahalanobis, divided by √24: about 1 inside the data).
@@ -70,7 +70,7 @@ pub enum Mode {
 pub struct LinkStatus {
     /// Whether a port is open and the boards answered with a matching version, schema and config.
     pub connected: bool,
-    /// Why a board that answers is not used: its version, layout or limits do not match.
+    /// Why a board that answers is not used: its version, layout or limits do not match; `None` if none is refused.
     pub refusal: Option<String>,
     /// What is connected, for the operator: `virtual rig`, a port name, a recording's name.
     pub source: String,
@@ -86,9 +86,9 @@ pub struct LinkStatus {
     pub frames_late: u64,
     /// Age of the newest frame, s.
     pub age_s: f64,
-    /// Time until a port that is gone is tried again, s.
+    /// Time until a port that is gone is tried again, s; `None` while none is gone.
     pub retry_in_s: Option<f64>,
-    /// Frames per second over the last second, per board.
+    /// Frames per second over the last second, per board, board 1 first.
     pub board_rate_hz: [f64; BOARDS],
     /// What the gripper does, as the board that drives it reports; `None` before its first report, and until the
     /// board has had a command for it since the power came.
@@ -103,15 +103,16 @@ pub struct LinkStatus {
     pub supply_cut: bool,
     /// Whether each board reports a simulated arm; `None` before its HELLO.
     pub board_simulated: [Option<bool>; BOARDS],
-    /// Number of the arm at each board, where one was given.
+    /// Number of the arm at each board; `None` where none was given.
     pub rig: [Option<u32>; BOARDS],
     /// How each board's clock lies on the session's time base; `None` before the first fit.
     pub board_clock: [Option<ClockFit>; BOARDS],
-    /// Why an open port gives no frames, or one that is gone does not come back. Not kept in recordings.
+    /// Why an open port gives no frames, or one that is gone does not come back; `None` without trouble. Not kept in
+    /// recordings.
     pub trouble: Option<String>,
-    /// Why motion capture that is received is not used. Not kept in recordings.
+    /// Why motion capture that is received is not used; `None` if none is ignored. Not kept in recordings.
     pub mocap_trouble: Option<String>,
-    /// The newest time when this program did not serve the ports, if there was one. Not kept in recordings.
+    /// The newest time when this program did not serve the ports; `None` if there was none. Not kept in recordings.
     pub host_delay: Option<HostDelay>,
 }
 
@@ -165,16 +166,16 @@ pub struct Reach {
     pub state: ReachState,
     /// How far from the goal the pressures at their bounds bring the tip, m (0 when reachable).
     pub distance_m: f64,
-    /// The goal where it is reachable, else a point near it that is, with pressure to spare, m.
+    /// The goal where it is reachable, else a point near it that is, with pressure to spare; in the base frame, m.
     pub nearest_m: [f64; 3],
-    /// Chamber (1-based) and its pressure (Pa) that stands in the way, if one does.
+    /// Chamber (1-based) and its gauge pressure (Pa) that stands in the way; `None` if none does.
     pub limiting_chamber: Option<(usize, f64)>,
-    /// Pressures that bring the tip as near to the goal as they can, Pa.
+    /// Gauge pressures of chambers 1 to 6 that bring the tip as near to the goal as they can, Pa.
     pub chamber_pa: [f64; super::CHAMBERS],
 }
 
 impl Reach {
-    /// [`Self::nearest_m`] in whole mm, for texts; without a negative zero.
+    /// [`Self::nearest_m`] (base frame) in whole mm, for texts; without a negative zero.
     pub fn nearest_mm(&self) -> [f64; 3] {
         self.nearest_m.map(|v| (v * 1e3).round() + 0.0)
     }
@@ -189,9 +190,9 @@ pub struct RoutineStatus {
     pub legs_done: usize,
     /// Legs in all.
     pub legs: usize,
-    /// Along a path: index of the waypoint travelled to, counted over all laps, and of the last one.
+    /// Along a path: index of the waypoint travelled to, counted over all laps, and of the last one; `None` off a path.
     pub waypoint: Option<(usize, usize)>,
-    /// Where the tip shall be now.
+    /// Where the tip shall be now; `None` while the plan prescribes no such point.
     pub via: Option<Via>,
 }
 
@@ -229,8 +230,8 @@ pub enum StreamState {
 pub struct Snapshot {
     /// The instant.
     pub stamp: Stamp,
-    /// Simulated time per real time over the last seconds, where the twin keeps beside real time on simulated time.
-    /// Not kept in recordings.
+    /// Simulated time per real time over the last seconds, where the twin keeps beside real time on simulated time; else
+    /// `None`. Not kept in recordings.
     pub real_time_factor: Option<f64>,
     /// What the twin is doing.
     pub mode: Mode,
@@ -238,56 +239,57 @@ pub struct Snapshot {
     pub controller: ControllerKind,
     /// State of the link.
     pub link: LinkStatus,
-    /// Newest raw frame.
+    /// Newest raw frame; `None` before the first.
     pub raw: Option<RawFrame>,
-    /// Newest calibrated sensors.
+    /// Newest calibrated sensors; `None` before the first frame.
     pub sensors: Option<SensorFrame>,
-    /// Newest estimate.
+    /// Newest estimate; `None` before the first.
     pub estimate: Option<Estimate>,
-    /// Newest ground truth, if any.
+    /// Newest ground truth; `None` without motion capture.
     pub truth: Option<GroundTruth>,
-    /// Where the tip shall go, if anywhere.
+    /// Where the tip shall go; `None` if nowhere.
     pub goal: Option<Goal>,
-    /// The plan under way or on hold, if any. Not kept in recordings.
+    /// The plan under way or on hold; `None` without one. Not kept in recordings.
     pub routine: Option<RoutineStatus>,
-    /// The goal under preview with its verdict, if any.
+    /// The goal under preview with its verdict; `None` without one.
     pub preview: Option<(Goal, Reach)>,
-    /// Shape by the twin's own model at the pressures that the verdict on the preview found; none until it is
+    /// Shape by the twin's own model at the pressures that the verdict on the preview found; `None` until it is
     /// solved. Not kept in recordings.
     pub preview_shape: Option<Arc<ArmShape>>,
-    /// The sensor signals the inner loop steers to, if it does.
+    /// The sensor signals the inner loop steers to; `None` if it steers to none.
     pub sensor_ref: Option<SensorRef>,
-    /// How much more the segments give way to pressure than the plant map has it, as learned by the controller.
-    /// Not kept in recordings.
+    /// Gain of each segment (upper first) over the plant map, as learned by the controller: above 1 it gives way more
+    /// to pressure than the map has it. Not kept in recordings: `None` in a snapshot that was read.
     pub plant_gains: Option<[f64; 2]>,
-    /// How long the controller took, s, if it solved in this tick and is timed. Not kept in recordings.
+    /// How long the controller took, s; `None` if it did not solve in this tick or is not timed. Not kept in recordings.
     pub solve_s: Option<f64>,
     /// Ticks so far in which the controller found no admissible rates and held the set pressures. Not kept in
     /// recordings.
     pub unsolved_ticks: u64,
-    /// Newest command.
+    /// Newest command; `None` while no pressure is commanded.
     pub command: Option<PressureCommand>,
-    /// Shape by the twin's own model at the measured pressures.
+    /// Shape by the twin's own model at the measured pressures; `None` until it is settled. Not kept in recordings.
     pub shape: Option<Arc<ArmShape>>,
     /// Which simulator the operator wants to see.
     pub simulator: Simulator,
-    /// Newest shape by the geometric simulator, while that one is shown.
+    /// Newest shape by the geometric simulator; `None` while that one is not shown, or has none yet. Not
+    /// kept in recordings.
     pub mesh: Option<Arc<MeshShape>>,
-    /// Why `mesh` is missing or stale: one sentence.
+    /// Why `mesh` is missing or stale: one sentence; `None` if it is neither.
     pub mesh_trouble: Option<String>,
     /// What is abnormal now, most urgent first.
     pub alarms: Vec<Alarm>,
-    /// How far twin and arm disagree, where a monitor runs. Not kept in recordings.
+    /// How far twin and arm disagree; `None` where no monitor runs, or before its first verdict. Not kept in recordings.
     pub disagreement: Option<Disagreement>,
     /// Mass in the gripper as declared by the operator, or by the plan that gripped it, kg.
     pub payload_kg: f64,
-    /// Name of the recording being written, if any.
+    /// Name of the recording being written; `None` if none is.
     pub recording: Option<String>,
     /// The rolling recording. Not kept in recordings.
     pub rolling: RollingStatus,
-    /// The live stream, if one runs or has ended by itself. Not kept in recordings.
+    /// The live stream, if one runs or has ended by itself; else `None`. Not kept in recordings.
     pub streaming: Option<StreamStatus>,
-    /// Why hardware may not be armed with the calibration in use, if so. Not kept in recordings.
+    /// Why hardware may not be armed with the calibration in use; `None` if it may. Not kept in recordings.
     pub calibration_refusal: Option<String>,
     /// The check of the gauges of an armed hardware arm. Not kept in recordings.
     pub gauge_check: ArmingCheck,
@@ -310,7 +312,7 @@ pub enum RollingStatus {
 }
 
 impl RollingStatus {
-    /// The first file, where there is something to keep.
+    /// The first file, where there is something to keep; else `None`.
     pub fn first(&self) -> Option<&Arc<Path>> {
         match self {
             Self::Records(first) | Self::Paused(first) => Some(first),
@@ -344,8 +346,8 @@ impl Snapshot {
             && raw.is_some_and(RawFrame::clocks_are_known)
     }
 
-    /// The ground truth, where it is of the estimate's time: what motion capture saw before it lost the object is
-    /// kept, but compared with nothing.
+    /// The ground truth, where it is of the estimate's time: what motion capture saw before it lost the object is kept, but
+    /// compared with nothing. `None` without such a one.
     pub fn fresh_truth(&self) -> Option<&GroundTruth> {
         let at = self.estimate.as_ref().map_or(self.stamp, |e| e.stamp);
         self.truth
@@ -353,7 +355,7 @@ impl Snapshot {
             .filter(|t| at.since(t.stamp).abs() <= PAIR_S)
     }
 
-    /// The geometric simulator's shape, if that is what the operator sees.
+    /// The geometric simulator's shape, if that is what the operator sees; else `None`.
     pub fn shown_mesh(&self) -> Option<&MeshShape> {
         match self.simulator {
             Simulator::Rod => None,
@@ -361,7 +363,8 @@ impl Snapshot {
         }
     }
 
-    /// The shape to draw: by the simulator the operator wants to see, or by the rod model until that has one.
+    /// The shape to draw: by the simulator the operator wants to see, or by the rod model until that has one. `None` while
+    /// neither has.
     pub fn shown_shape(&self) -> Option<&ArmShape> {
         match self.shown_mesh() {
             Some(mesh) => Some(&mesh.shape),

@@ -56,8 +56,8 @@ pub struct Plan {
     /// Largest standard deviation of each component of a force on the tip, N; every disturbed sample
     /// draws its own, uniformly from 0.
     pub tip_force_sd_n: f64,
-    /// Relative standard deviation of stiffnesses, areas and rest lengths (the last a fifth of it):
-    /// how much arms differ from the nominal one.
+    /// Relative standard deviation of the bellows' axial stiffness; areas have half, rest lengths a fifth, bending and
+    /// torsional stiffness twice of it: how much arms differ from the nominal one.
     pub deviation_sd: f64,
     /// Largest standard deviation by which both pads stand off where the model has them, each as seen
     /// from the pad above: per axis of translation, m, and per axis of rotation times the radius of the
@@ -101,7 +101,8 @@ pub fn normal<R: Rng + ?Sized>(rng: &mut R) -> f64 {
     (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
-/// Parameters scattered about the nominal arm.
+/// Parameters scattered about the nominal arm: `sd` is the relative standard deviation of axial stiffnesses, see
+/// [`Plan::deviation_sd`] for the others.
 pub fn scattered(sd: f64, rng: &mut Pcg64Mcg) -> Parameters {
     let mut factor = |sd: f64| 1.0 + sd * normal(rng);
     Parameters {
@@ -114,7 +115,7 @@ pub fn scattered(sd: f64, rng: &mut Pcg64Mcg) -> Parameters {
     }
 }
 
-/// Pressures of sample `index` of a draw, Pa.
+/// Gauge pressures of chambers 1 to 6 for sample `index` of a draw, Pa. A grid varies chamber 1 fastest.
 pub fn pressures(
     draw: Draw,
     robot: &RobotSpec,
@@ -234,7 +235,7 @@ fn sampled(robot: &RobotSpec, drawn: &Drawn, o: Observation) -> Sample {
 /// Sample `index` of a plan, or why the model has no answer there.
 ///
 /// # Errors
-/// [`SimError::NoEquilibrium`] for loads beyond what the arm can hold.
+/// [`SimError`] for loads beyond what the arm can hold: no stable equilibrium, or a bellows pressed through itself.
 pub fn sample(robot: &RobotSpec, plan: &Plan, index: usize) -> Result<Sample, SimError> {
     let drawn = drawn(robot, plan, index);
     let model = Model::new(robot, &drawn.parameters, Resolution::default());

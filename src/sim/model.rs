@@ -53,7 +53,7 @@ pub struct Parameters {
     pub shear: f64,
     /// Mass of the gripper, as a factor.
     pub gripper_mass: f64,
-    /// Direction of gravity tilted by these angles about x and y, rad.
+    /// Direction of gravity tilted by these angles about the base's x and y, rad.
     pub base_tilt_rad: [f64; 2],
 }
 
@@ -76,9 +76,9 @@ impl Default for Parameters {
 /// Inputs of a simulation: pressures, payload and forces.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inputs {
-    /// Gauge pressure per chamber, Pa.
+    /// Gauge pressure of each chamber, 1 to 6, Pa.
     pub chamber_pa: [f64; CHAMBERS],
-    /// Additional tension of each bellows (hysteresis, creep), N.
+    /// Additional tension of each bellows (hysteresis, creep), N; positive shortens it.
     pub tension_n: [f64; CHAMBERS],
     /// Mass in the gripper, kg.
     pub payload_kg: f64,
@@ -97,7 +97,7 @@ pub struct Model {
     pub area_m2: [f64; CHAMBERS],
     /// Mass that hangs on the gripper besides the payload of the inputs, kg.
     pub hidden_kg: f64,
-    /// Where payload hangs in the end pad's frame, m.
+    /// Where payload hangs, in the end pad's frame, m.
     pub payload_m: Vector3<f64>,
     /// Force on the end pad's origin besides the one of the inputs, base frame, N.
     pub hidden_force_n: Vector3<f64>,
@@ -110,16 +110,16 @@ pub struct Model {
 /// A tension of bellows as a function of all pressures.
 #[derive(Clone, Copy, Debug)]
 pub struct Pull {
-    /// On which chamber (0-based); on every one without.
+    /// On which chamber (0-based); `None`: on every one.
     pub on: Option<usize>,
     /// N per unit of the function.
     pub coefficient: f64,
-    /// Of the pressures, Pa, and the chamber.
+    /// The function: of the gauge pressures (Pa) and the chamber (0-based).
     pub of: fn(&[f64; CHAMBERS], usize) -> f64,
 }
 
 impl Model {
-    /// The robot as a rod, without its patches.
+    /// The arm as a rod, without the patches of its file.
     pub fn bare(robot: &RobotSpec, parameters: &Parameters, resolution: Resolution) -> Self {
         let sections = (0..2)
             .map(|s| section(robot, parameters, resolution, s))
@@ -266,7 +266,8 @@ fn section(robot: &RobotSpec, p: &Parameters, resolution: Resolution, s: usize) 
 /// The changing part of a simulation, and memory that is reused between solves.
 #[derive(Default)]
 pub struct State {
-    /// Strains of all elements.
+    /// Strains of all elements, element after element from the base to the tip: of each the free ones in the order of
+    /// [`Strains::indices`] (curvatures in 1/m, stretches).
     pub strains: Vec<f64>,
     /// Momenta conjugate to the strains; empty for an arm at rest.
     pub momenta: Vec<f64>,

@@ -21,7 +21,7 @@ pub struct Sensitivity {
     pub tip: SMatrix<f64, 6, INPUTS>,
     /// Middle pad, rows alike.
     pub middle: SMatrix<f64, 6, INPUTS>,
-    /// Lengths of the springs, m per Pa, kg, N.
+    /// Lengths of the springs in their order, m per Pa, kg, N.
     pub spring: SMatrix<f64, SPRINGS, INPUTS>,
 }
 

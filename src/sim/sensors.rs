@@ -11,11 +11,11 @@ use crate::signal::{ArmShape, CHAMBERS, IMUS, Pose, SPRINGS, SensorVec, ypr_from
 /// Geometry of one state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
-    /// Pose of the end pad's origin.
+    /// Pose of the end pad's origin in the base frame.
     pub base_from_tip: Pose,
     /// The 24 signals.
     pub sensors: SensorVec,
-    /// Length of each bellows along its own path, m.
+    /// Length of each bellows along its own path, in the order of the chambers, m.
     pub bellows_m: [f64; CHAMBERS],
     /// For drawing.
     pub shape: ArmShape,
@@ -62,7 +62,7 @@ pub fn observe(model: &Model, state: &State) -> Observation {
     }
 }
 
-/// Lengths of the springs between top, middle and end pad, m.
+/// Lengths of the springs between top, middle and end pad (in this order, base from pad), m.
 pub fn spring_lengths(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; SPRINGS] {
     std::array::from_fn(|i| {
         let mut top_m = robot.spring_top_m[i];
@@ -76,7 +76,8 @@ pub fn spring_lengths(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; SPR
     })
 }
 
-/// Straight lengths of the bellows between top, middle and end pad, m.
+/// Straight lengths of the bellows between top, middle and end pad (in this order, base from pad), in the order of the
+/// chambers, m.
 pub fn bellows_chords_m(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; CHAMBERS] {
     std::array::from_fn(|i| {
         let bottom_m = robot.bellows_m[i];
@@ -92,7 +93,7 @@ pub fn bellows_chords_m(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [f64; C
     })
 }
 
-/// By how much both segments are bent: the angles between the axes of their pads, rad.
+/// By how much both segments are bent: the angles between the axes of their pads, rad. Upper segment first.
 pub fn bends_rad(base_from_pad: &[Pose; 3]) -> [f64; 2] {
     let axis = |pad: usize| base_from_pad[pad].rotation * nalgebra::Vector3::z();
     [0, 1].map(|s| axis(s).angle(&axis(s + 1)))
@@ -109,7 +110,7 @@ fn orientations(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> [[f64; 3]; IMUS
     })
 }
 
-/// Sensor readings with top, middle and end pad at these poses.
+/// Sensor readings with top, middle and end pad (in this order, base from pad) at these poses.
 pub fn pads_read(robot: &RobotSpec, base_from_pad: &[Pose; 3]) -> SensorVec {
     SensorVec {
         spring_m: spring_lengths(robot, base_from_pad),

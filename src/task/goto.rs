@@ -1,4 +1,4 @@
-//! Point to point: on the way, at the goal (system S12).
+//! Point to point: on the way, at the goal (paper, section IV-B).
 
 use crate::signal::{Estimate, Goal, Pose, Reach, ReachState, Stamp, Vector6, pose_error};
 
@@ -41,7 +41,7 @@ fn chamber_text(reach: &Reach) -> String {
 pub enum GotoState {
     /// On the way.
     Moving {
-        /// Since when the smoothed error has been within tolerance.
+        /// Since when the smoothed error has been within tolerance; `None` while it is not.
         within_since: Option<Stamp>,
     },
     /// There, and kept there.
@@ -96,8 +96,8 @@ impl Goto {
         &self.state
     }
 
-    /// Takes note of an estimate; returns the arrival in the one update in which the goal becomes
-    /// reached. Estimates that are not finite or not newer are ignored.
+    /// Takes note of an estimate; returns the arrival in the one update in which the goal becomes reached, else `None`.
+    /// Estimates that are not finite or not newer are ignored.
     pub fn update(&mut self, estimate: &Estimate) -> Option<Arrival> {
         let (error, dt_s) = self.smooth(estimate)?;
         let (ratio, distance_m) = tolerance_ratio(&error, &self.goal);

@@ -1,4 +1,4 @@
-//! Closed paths through waypoints that lie uniformly along the path (system S16).
+//! Closed paths through waypoints that lie uniformly along the path (paper, section V-C).
 
 use std::f64::consts::TAU;
 
@@ -26,7 +26,7 @@ impl Path {
     }
 }
 
-/// A horizontal circle around `center_m` that starts at its largest x.
+/// A horizontal circle around `center_m` (base frame) that starts at its largest x.
 pub fn circle(center_m: [f64; 3], radius_m: f64, waypoints: usize) -> Path {
     let [x, y, z] = center_m;
     let point = |k: usize| {
@@ -39,7 +39,7 @@ pub fn circle(center_m: [f64; 3], radius_m: f64, waypoints: usize) -> Path {
     }
 }
 
-/// A horizontal figure 8 (lemniscate of Gerono) along x, crossing itself at `center_m`.
+/// A horizontal figure 8 (lemniscate of Gerono) along x, crossing itself at `center_m` (base frame).
 ///
 /// x = a sin t, y = a sin t cos t, so it is 2a long and a wide; the waypoints are at equal distances
 /// along the curve.

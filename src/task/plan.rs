@@ -75,8 +75,7 @@ impl Plan {
         }
     }
 
-    /// To the first waypoint of a path, then along it (system S16). A path without waypoints is no
-    /// plan.
+    /// To the first waypoint of a path, then along it (paper, section V-C). `None` for a path without waypoints.
     pub fn follow(follow: Follow) -> Option<Self> {
         let start = follow.path.waypoints_m.first()?;
         Some(Self {
@@ -85,8 +84,9 @@ impl Plan {
         })
     }
 
-    /// Opens the gripper, then every item in turn into the basket (system S15): over the item, down, grip, up, over the basket,
-    /// down, let go, up. `drop_m` is where the tip is when it lets go, `lift_m` how much higher it travels.
+    /// Opens the gripper, then every item in turn into the basket (paper, section V-B): over the item, down, grip, up, over
+    /// the basket, down, let go, up. `drop_m` is where the tip is when it lets go, in the base frame, `lift_m` how much
+    /// higher it travels.
     pub fn pick_and_place(items: &[Item], drop_m: [f64; 3], lift_m: f64) -> Self {
         let over = |[x, y, z]: [f64; 3]| Leg::Move(Goal::position([x, y, z + lift_m]));
         let at = |p: [f64; 3]| Leg::Move(Goal::position(p));
@@ -159,7 +159,7 @@ impl Plan {
 pub struct Stop {
     /// Index of its leg.
     pub leg: usize,
-    /// Where.
+    /// Where, in the base frame.
     pub goal: Goal,
     /// What the gripper holds there, kg.
     pub payload_kg: f64,

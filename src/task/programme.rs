@@ -2,19 +2,19 @@
 
 use crate::signal::{CHAMBERS, PressureLimits};
 
-/// Set pressures per chamber, linear between knots; held before the first and after the last.
+/// Set gauge pressures per chamber, linear between knots; held before the first and after the last.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Programme {
     /// Name for the operator.
     pub name: String,
-    /// Per chamber time (s) and gauge pressure (Pa), times rising.
+    /// Per chamber, 1 to 6, time (s) and gauge pressure (Pa), times rising.
     pub knots: [Vec<[f64; 2]>; CHAMBERS],
     /// How long it takes, s.
     pub seconds: f64,
 }
 
 impl Programme {
-    /// Set pressures at `t_s`, Pa; 0 for a chamber without knots.
+    /// Set gauge pressures of chambers 1 to 6 at `t_s`, Pa; 0 for a chamber without knots.
     pub fn at(&self, t_s: f64) -> [f64; CHAMBERS] {
         std::array::from_fn(|i| {
             let knots = &self.knots[i];
@@ -27,7 +27,7 @@ impl Programme {
         })
     }
 
-    /// The chamber (0-based) and pressure (Pa) that lies outside of the limits, if one does.
+    /// The chamber (0-based) and gauge pressure (Pa) that lies outside of the limits; `None` if none does.
     pub fn beyond(&self, limits: &PressureLimits) -> Option<(usize, f64)> {
         let chambers = self.knots.iter().enumerate();
         let mut all = chambers.flat_map(|(i, knots)| knots.iter().map(move |[_, pa]| (i, *pa)));

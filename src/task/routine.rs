@@ -34,11 +34,11 @@ pub enum Happening {
 /// What to steer to.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Target<'a> {
-    /// A goal, with its verdict if there is one.
+    /// A goal, with its verdict; `None`: there is none.
     Goal(&'a Goal, Option<&'a Reach>),
     /// The next waypoint of a path, and the point that moves along it.
     Along(Goal, Via),
-    /// These pressures, Pa: no controller steers.
+    /// These gauge pressures of chambers 1 to 6, Pa: no controller steers.
     Pressures([f64; CHAMBERS]),
 }
 
@@ -256,7 +256,7 @@ impl Routine {
         self.leg
     }
 
-    /// Along a path: index of the waypoint travelled to, counted over all laps, and of the last one.
+    /// Along a path: index of the waypoint travelled to, counted over all laps, and of the last one; `None` off a path.
     pub fn waypoint(&self) -> Option<(usize, usize)> {
         match &self.doing {
             Doing::Following(t) => Some(t.count()),

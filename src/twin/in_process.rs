@@ -13,7 +13,7 @@ const LINE_STEP_S: f64 = 0.001;
 pub struct Heard {
     /// Bytes; `None` while the line is cut.
     pub bytes: Option<Vec<u8>>,
-    /// Motion capture, if it saw anything.
+    /// Motion capture; `None` if it saw nothing.
     pub truth: Option<GroundTruth>,
 }
 

@@ -99,7 +99,7 @@ pub struct Patched {
     pub geometry: RobotSpec,
     /// The calibration with the sensor errors of its patches.
     pub calibration: Calibration,
-    /// Turn of each IMU on its pad by its patches: it reads R exp(δ) where the pad stands at R.
+    /// Turn δ of each IMU on its pad by its patches: it reads R exp(δ) where the pad stands at R (base from pad).
     pub imu: [UnitQuaternion<f64>; IMUS],
 }
 

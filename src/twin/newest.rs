@@ -97,7 +97,7 @@ impl<Q, A> Newest<Q, A> {
         self.questions.put(question);
     }
 
-    /// The newest answer that was not fetched before, if there is one. Returns at once.
+    /// The newest answer that was not fetched before; `None` if there is none. Returns at once.
     pub fn answer(&self) -> Option<A> {
         self.answers.take()
     }

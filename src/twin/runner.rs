@@ -322,8 +322,8 @@ impl Runner {
         }
     }
 
-    /// Ends the stream, if one runs, and reports how it went. Waits for what is left to arrive no longer
-    /// than `patience`: the control loop must be over.
+    /// Ends the stream and reports how it went; `None` if none runs. Waits for what is left to arrive no longer than
+    /// `patience`: the control loop must be over.
     pub fn stop_stream(
         &mut self,
         now: Stamp,

@@ -11,9 +11,9 @@ use crate::sim::{Inputs, Model, State, observe, settle};
 pub struct ShapeQuestion {
     /// When it was asked.
     pub stamp: Stamp,
-    /// Measured pressures and declared load.
+    /// Measured gauge pressures and declared load.
     pub inputs: Inputs,
-    /// The same at the end of the preview, if there is one.
+    /// The same at the end of the preview; `None` without a preview.
     pub preview: Option<Inputs>,
 }
 
@@ -22,7 +22,8 @@ pub struct ShapeQuestion {
 pub struct ShapeAnswer {
     /// The arm; `None` for a load that the model cannot hold.
     pub shape: Option<Arc<ArmShape>>,
-    /// What the preview was solved for, and its shape.
+    /// What the preview was solved for, and its shape (`None` for a load that the model cannot hold); `None` without a
+    /// preview.
     pub preview: Option<(Inputs, Option<Arc<ArmShape>>)>,
 }
 

@@ -27,7 +27,7 @@ const GAUGE_OFF: [f64; 2] = [0.08, 5e3];
 pub struct Actuation {
     /// The finding.
     pub finding: Finding,
-    /// What it was taken from.
+    /// What it was taken from; `None` where no command moves.
     pub stages: Option<Stages>,
     /// Test on other sessions.
     pub proof: Vec<Proof>,

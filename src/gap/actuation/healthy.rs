@@ -18,9 +18,9 @@ use crate::sim::effects::Active;
 /// Noise of healthy regulators: per chamber w_t = (e_t − φ e_{t−1})/σ.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PressureNoise {
-    /// Standard deviation of an innovation, Pa.
+    /// Standard deviation of an innovation, in the order of the chambers, Pa.
     pub sd_pa: [f64; CHAMBERS],
-    /// Autoregressive coefficient from bin to bin.
+    /// Autoregressive coefficient from bin to bin, in the order of the chambers.
     pub phi: [f64; CHAMBERS],
 }
 
@@ -78,9 +78,9 @@ impl PressureNoise {
 /// A commissioned supply, or the ideal one.
 #[derive(Clone, Debug)]
 pub struct LineBaseline {
-    /// Its regulators.
+    /// Its regulators, in the order of the chambers.
     pub regulators: [Regulator; CHAMBERS],
-    /// Covariance of each one's numbers.
+    /// Covariance of each one's numbers, in their order and units.
     pub covariance: [SMatrix<f64, KNOBS, KNOBS>; CHAMBERS],
     /// Noise of its residuals.
     pub noise: PressureNoise,
@@ -88,9 +88,10 @@ pub struct LineBaseline {
     pub floor_pa: Option<f64>,
     /// The same per chamber, Pa.
     pub chamber_floor_pa: [f64; CHAMBERS],
-    /// Innovations of the healthy sessions, each fold of the first as a fit to the others leaves it.
+    /// Innovations of the healthy sessions, each fold of the first as a fit to the others leaves it; `None` for the ideal
+    /// supply.
     pub healthy: Option<Vec<LineRow>>,
-    /// Name and hash of the first of them.
+    /// Name and hash of the first of them; `None` for the ideal supply.
     pub session: Option<[String; 2]>,
 }
 
@@ -318,8 +319,8 @@ impl LineModel<'_> {
         })
     }
 
-    /// Fits the regulators with these effects at work, about the ideal supply; gives their
-    /// covariances.
+    /// Fits the regulators with these effects at work, about the ideal supply; gives their covariances, in the order of the
+    /// chambers.
     ///
     /// # Errors
     /// [`GapError::Degenerate`] when numbers are not finite.

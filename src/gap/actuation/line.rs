@@ -37,9 +37,9 @@ pub struct PressureLog {
     pub hash: String,
     /// Rising times, s.
     pub t_s: Vec<f64>,
-    /// Commanded, Pa.
+    /// Commanded gauge pressures of chambers 1 to 6, Pa.
     pub commanded_pa: Vec<[f64; CHAMBERS]>,
-    /// Measured, Pa.
+    /// Measured gauge pressures of chambers 1 to 6, Pa.
     pub measured_pa: Vec<[f64; CHAMBERS]>,
     /// What they were given in.
     pub unit: PressureUnit,
@@ -92,15 +92,15 @@ pub struct PressureGrid {
     pub present: [bool; CHAMBERS],
     /// Middle of each bin, s.
     pub t_s: Vec<f64>,
-    /// Mean measured pressure, Pa.
+    /// Mean measured gauge pressure per chamber, Pa.
     pub measured_pa: Vec<[f64; CHAMBERS]>,
-    /// Mean commanded pressure, Pa.
+    /// Mean commanded gauge pressure per chamber, Pa.
     pub commanded_pa: Vec<[f64; CHAMBERS]>,
     /// Bin of each sample.
     bin: Vec<usize>,
     /// Where the gauges stood at first.
     first_pa: [f64; CHAMBERS],
-    /// Spans that are left out because pressures are missing, s.
+    /// Spans that are left out because pressures are missing, from and to, s.
     pub holes_s: Vec<[f64; 2]>,
 }
 
@@ -244,7 +244,8 @@ impl PressureGrid {
     }
 }
 
-/// A healthy chamber's regulator and gauge.
+/// A healthy chamber's regulator and gauge: dead time (s), lag (s), gain and offset (Pa) of the gauge, times to fill and to
+/// empty by 10 kPa (s).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regulator(pub [f64; KNOBS]);
 
@@ -291,7 +292,7 @@ pub enum Lag {
     BeforeGauge,
 }
 
-/// What the gauges should read in every bin, Pa.
+/// What the gauges should read in every bin, in the order of the chambers, Pa.
 pub fn gauge_pressures(
     robot: &RobotSpec,
     grid: &PressureGrid,
@@ -338,7 +339,7 @@ pub fn gauge_pressures(
     grid.binned(&out[LEAD..])
 }
 
-/// Measured less predicted.
+/// Measured less predicted, in the order of the chambers, Pa.
 pub fn line_rows(grid: &PressureGrid, predicted_pa: &[[f64; CHAMBERS]]) -> Vec<LineRow> {
     let rows = grid.measured_pa.iter().zip(predicted_pa);
     rows.zip(&grid.t_s)

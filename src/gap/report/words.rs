@@ -5,8 +5,8 @@ use crate::gap::finding::{ChannelError, Finding, FoundEffect, Ranked, SeparateBy
 use crate::gap::patch::PatchValue;
 use crate::sim::effects::{Target, effect_or_term, term};
 
-/// Display name of an effect, or of a term of a law, with its channel: `Leak, chamber 3`. An id that is neither is shown as it
-/// is.
+/// Display name of an effect, or of a term of a law, with its channel (1-based; `None`: all of them, or there are none):
+/// `Leak, chamber 3`. An id that is neither is shown as it is.
 pub fn effect_name(id: &str, target: Option<usize>) -> String {
     let known = effect_or_term(id);
     let name = known.map_or(id, |e| e.name);
@@ -62,7 +62,7 @@ fn friendly(id: &str, name: &str, unit: &str) -> (f64, &'static str) {
 pub struct Quantity {
     /// The value.
     pub value: String,
-    /// Its 95 % interval, `a to b`.
+    /// Its 95 % interval, `a to b`; `None` where none is known.
     pub interval: Option<String>,
     /// The unit of both; empty for a ratio.
     pub unit: String,

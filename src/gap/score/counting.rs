@@ -14,7 +14,7 @@ const Z95: f64 = 1.959_963_984_540_054;
 /// As much short of a rung still stands on it: what sizing leaves.
 const SIZED_WITHIN: f64 = 0.95;
 
-/// Wilson's 95 % interval of a ratio, E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209.
+/// Wilson's 95 % interval of a ratio, E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209. `None` of nothing.
 pub fn wilson(hits: usize, of: usize) -> Option<[f64; 2]> {
     if of == 0 {
         return None;
@@ -32,7 +32,7 @@ pub fn wilson(hits: usize, of: usize) -> Option<[f64; 2]> {
     ])
 }
 
-/// Middle value; the mean of the two middle ones of an even number.
+/// Middle value; the mean of the two middle ones of an even number. `None` without values.
 pub fn median(values: &[f64]) -> Option<f64> {
     let v = sorted(values);
     let n = v.len();
@@ -97,7 +97,7 @@ fn effect(id: &str) -> Option<&'static Effect> {
 }
 
 impl Key {
-    /// Strength that the case has, times the floor: that of its weakest effect.
+    /// Strength that the case has, times the floor: that of its weakest effect. `None` where that is not known.
     pub fn reached(&self) -> Option<f64> {
         let each = self.effects.iter().map(|e| match e.reached {
             Some(r) if e.capped => r,

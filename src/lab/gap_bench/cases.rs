@@ -78,7 +78,7 @@ pub struct Truth {
     pub strength: f64,
     /// What is hidden.
     pub effects: Vec<Answer>,
-    /// When it begins, s; none for what is there from the start.
+    /// When it begins, s; `None` for what is there from the start.
     pub onset_s: Option<f64>,
 }
 
@@ -91,7 +91,7 @@ pub struct Answer {
     pub target: Option<usize>,
     /// Its parameters; same name as the candidate effect's, same meaning.
     pub params: std::collections::BTreeMap<&'static str, Value>,
-    /// Strength in times the floor, as sized.
+    /// Strength in times the floor, as sized; `None` where it was not sized.
     pub reached: Option<f64>,
     /// Whether a bound kept it from the wanted strength.
     pub capped: bool,

@@ -38,9 +38,9 @@ pub struct Example {
     pub answer: PathBuf,
 }
 
-/// Has another process of this program make an example in the folder `data`. The answer goes to a folder of its own,
-/// and this process does not look into it. An example that is there is taken over. `stage` receives the
-/// name of the work.
+/// Has another process of this program make an example in the folder `data`. The answer goes to a folder of its own, and this
+/// process does not look into it. An example that is there is taken over. `stage` receives the name of the work. The robot is
+/// that of `robot_file`; `None`: the reference robot.
 ///
 /// # Errors
 /// When the process cannot be started or fails, or `cancelled` returns true.
@@ -126,7 +126,7 @@ fn listen(child: &mut Child) -> Result<std::thread::JoinHandle<String>> {
         .context("cannot start a thread for the virtual rig")
 }
 
-/// The process that makes an example.
+/// The process that makes an example, on the robot of `robot_file` (`None`: the reference robot).
 pub fn example_command(
     program: &Path,
     robot_file: Option<&Path>,

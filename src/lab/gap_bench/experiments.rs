@@ -46,7 +46,7 @@ pub struct Solved {
     pub seconds: f64,
     /// Excitations, in order.
     pub driven: Vec<String>,
-    /// The verdict at the end.
+    /// The verdict at the end; `None` where no excitation fitted into the time.
     pub verdict: Option<Verdict>,
     /// The effects at the end.
     pub found: Vec<String>,

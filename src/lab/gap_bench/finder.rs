@@ -38,7 +38,7 @@ pub struct Seeker<'a> {
     pub program: &'a Path,
     /// Its hash.
     pub hash: String,
-    /// Robot file, if not the reference robot.
+    /// Robot file; `None`: the reference robot.
     pub robot_file: Option<&'a Path>,
     /// Longest time, s.
     pub limit_s: f64,
@@ -72,8 +72,8 @@ impl Seeker<'_> {
         command
     }
 
-    /// Has the verdict of a case written, unless this very program has written it before. A finder
-    /// that fails is a verdict too; it is tried again the next time.
+    /// Has the verdict of a case written, unless this very program has written it before. A finder that fails is a verdict
+    /// too; it is tried again the next time. `without` names an effect that it must not use; `None`: it may use all.
     ///
     /// # Errors
     /// When the verdict cannot be written, or something lies in the folder that does not belong there.

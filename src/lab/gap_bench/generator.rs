@@ -236,7 +236,7 @@ fn key_effect(answer: &Answer) -> KeyEffect {
 pub struct Maker<'a> {
     /// This program.
     pub program: &'a Path,
-    /// Robot file, if not the reference robot.
+    /// Robot file; `None`: the reference robot.
     pub robot_file: Option<&'a Path>,
     /// Length of the sessions, s.
     pub seconds: f64,

@@ -66,6 +66,9 @@ pub struct Solved {
 }
 
 /// Reads a case.
+///
+/// # Errors
+/// When the answer or the verdict cannot be read.
 pub fn read(planned: &Planned, places: &Places) -> Result<Solved> {
     let path = places.key(planned);
     let key: Key = serde_json::from_str(&read_text(&path)?)

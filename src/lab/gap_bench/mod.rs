@@ -42,7 +42,7 @@ pub struct Options {
     pub out: PathBuf,
     /// Parts of the suite; all of them if empty.
     pub parts: Vec<Part>,
-    /// Make and solve only this part of the cases, and score nothing.
+    /// Make and solve only this part of the cases, and score nothing; `None`: all of them.
     pub shard: Option<shards::Part>,
     /// Finders at a time; each uses all cores.
     pub jobs: NonZeroUsize,
@@ -52,7 +52,7 @@ pub struct Options {
     pub seconds: f64,
     /// Noise beyond that of the sensors, per cent of what each channel moves by.
     pub noise_percent: f64,
-    /// Program that finds; this program without it.
+    /// Program that finds; `None`: this program.
     pub finder: Option<PathBuf>,
     /// Look for laws instead of naming effects, and prove them on a third session.
     pub discover: bool,
@@ -113,7 +113,8 @@ struct Run<'a> {
     scored: Vec<Scored>,
 }
 
-/// Makes the cases, has them solved, and scores them unless they are a shard.
+/// Makes the cases, has them solved, and scores them unless they are a shard. `robot_file` is the file of `robot`; `None`: it
+/// is the reference robot.
 ///
 /// # Errors
 /// When there is no case to run, or a file or process fails; a case that no rig can hold is left out.

@@ -66,7 +66,7 @@ impl Part {
         of.map_or("", |(_, name, _)| name)
     }
 
-    /// The part of that name.
+    /// The part of that name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
         let of = Self::ALL.iter().find(|(_, n, _)| *n == name);
         of.map(|(part, ..)| *part)
@@ -119,7 +119,7 @@ pub struct Planned {
     pub strength: f64,
     /// Effects to hide.
     pub effects: Vec<&'static str>,
-    /// Effect that the finder must not use.
+    /// Effect that the finder must not use; `None`: it may use all.
     pub without: Option<&'static str>,
 }
 

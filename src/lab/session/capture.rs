@@ -13,18 +13,19 @@ pub struct Captured {
 }
 
 impl Captured {
-    /// Adds a pose with its stamp, s.
+    /// Adds a pose, base from tip, with its stamp, s.
     pub fn push(&mut self, stamp_s: f64, pose: Pose) {
         self.newest_s = Some(self.newest_s.map_or(stamp_s, |t| t.max(stamp_s)));
         self.poses.push((stamp_s, pose));
     }
 
-    /// Newest stamp, s.
+    /// Newest stamp, s; `None` before the first pose.
     pub fn newest_s(&self) -> Option<f64> {
         self.newest_s
     }
 
-    /// The poses at rising times; `None` before the first, after the last and where motion capture saw nothing.
+    /// The poses, base from tip, at rising times; `None` before the first, after the last and where motion capture saw
+    /// nothing.
     pub fn at(mut self, t_s: &[f64]) -> Vec<Option<Pose>> {
         // Stamps that are off need not rise, and two may be the same.
         self.poses.sort_by(|a, b| a.0.total_cmp(&b.0));

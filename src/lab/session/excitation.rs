@@ -74,7 +74,7 @@ impl Excitation {
         }
     }
 
-    /// The one with this name.
+    /// The one with this name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|e| e.name() == name)
     }
@@ -196,7 +196,7 @@ impl Drive {
         out
     }
 
-    /// Set pressures at `t_s`, Pa.
+    /// Set gauge pressures of chambers 1 to 6 at `t_s`, Pa.
     pub fn at(&self, t_s: f64) -> [f64; CHAMBERS] {
         self.programme.at(t_s)
     }
@@ -206,7 +206,8 @@ impl Drive {
         &self.programme
     }
 
-    /// Pressures that the pumps reach at rising times, from the first set pressure on, Pa.
+    /// Gauge pressures that the pumps reach at rising times, from the first set pressure on, in the order of the chambers,
+    /// Pa.
     pub fn pumped(&self, t_s: &[f64]) -> Vec<[f64; CHAMBERS]> {
         let mut now = self.at(t_s.first().copied().unwrap_or(0.0));
         let mut before_s = t_s.first().copied().unwrap_or(0.0);

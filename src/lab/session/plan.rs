@@ -73,13 +73,13 @@ pub struct Session {
     pub payload_kg: f64,
     /// Times of the frames by the link's clock, s, strictly increasing.
     pub t_s: Vec<f64>,
-    /// Commanded pressure, Pa.
+    /// Commanded gauge pressure of chambers 1 to 6, Pa.
     pub commanded_pa: Vec<[f64; CHAMBERS]>,
-    /// Measured pressure, Pa; NaN where missing.
+    /// Measured gauge pressure of chambers 1 to 6, Pa; NaN where missing.
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
     /// The 24 signals; NaN where missing.
     pub sensors: Vec<SensorVec>,
-    /// The end pad as motion capture sees it; `None` where it does not.
+    /// The end pad as motion capture sees it, base from tip; `None` where it does not.
     pub captured: Vec<Option<Pose>>,
 }
 

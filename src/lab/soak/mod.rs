@@ -187,11 +187,11 @@ impl Drop for Folder {
 pub struct Endured {
     /// All figures.
     pub report: Report,
-    /// The bounds that were missed, as one sentence.
+    /// The bounds that were missed, as one sentence; `None` if none was.
     pub missed: Option<String>,
 }
 
-/// Runs the twin against a rig with faults.
+/// Runs the twin against a rig with faults. `robot_file` is the file of `robot`; `None`: it is the reference robot.
 ///
 /// # Errors
 /// When the rig cannot be set up, or no data come from it.

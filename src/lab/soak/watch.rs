@@ -98,7 +98,7 @@ impl Watch {
         self.seen().detour_s = detour_s;
     }
 
-    /// Checks the pressures that the boards set at `t_s`, s.
+    /// Checks the gauge pressures that the boards set at `t_s`, s, in the order of the chambers; `None`: the pump is off.
     pub fn look_at_pumps(&self, t_s: f64, set_pa: &[Option<f64>; CHAMBERS]) {
         let mut seen = self.seen();
         let late = !seen.vents && seen.safe_since_s.is_some_and(|s| t_s - s > PUMPS_OFF_S);

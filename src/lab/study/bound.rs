@@ -33,7 +33,7 @@ fn moved(pads: &[Pose; 3], x: &[f64; 12]) -> [Pose; 3] {
 }
 
 /// Least standard deviation of the end pad's translation (root of the summed variances, m) and
-/// rotation (rad) with the pads there; `None` where the signals do not determine them.
+/// rotation (rad) with top, middle and end pad (base from pad) there; `None` where the signals do not determine them.
 pub fn cramer_rao(robot: &RobotSpec, pads: &[Pose; 3], noise: &SensorNoise) -> Option<[f64; 2]> {
     const H: f64 = 1e-6;
     let mut jacobian = SMatrix::<f64, SIGNALS, 12>::zeros();

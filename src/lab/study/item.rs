@@ -88,7 +88,7 @@ impl Found {
         self
     }
 
-    /// The first figure of the first row.
+    /// The first figure of the first row; `None` where there is none.
     pub fn first(&self) -> Option<f64> {
         *self.rows.first()?.cells.first()?
     }

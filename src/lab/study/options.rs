@@ -28,7 +28,7 @@ impl Selection {
     /// The name of those that the paper's page is made of.
     pub const PAPER: &'static str = "paper";
 
-    /// The study of that name, or several.
+    /// The study of that name, or several; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
         let several: [(&str, &[Study]); 2] = [(Self::ALL, &STUDIES), (Self::PAPER, of_paper())];
         if let Some((name, studies)) = several.into_iter().find(|(n, _)| *n == name) {
@@ -72,9 +72,9 @@ pub struct Options {
     pub selection: Selection,
     /// Folder for tables (JSON, Markdown) and pictures (SVG).
     pub out: PathBuf,
-    /// Do only this part of the items, for a merge.
+    /// Do only this part of the items, for a merge; `None`: all of them.
     pub shard: Option<Part>,
-    /// Networks in the place of the shipped ones, for the studies on sensing.
+    /// Networks in the place of the shipped ones, for the studies on sensing; `None`: the shipped ones.
     pub model: Option<PathBuf>,
     /// Sizes of the studies.
     pub sizes: Sizes,

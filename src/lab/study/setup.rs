@@ -325,6 +325,9 @@ pub(super) struct Run {
 
 impl Run {
     /// Moves a unit; `spoil` may change what its boards send.
+    ///
+    /// # Errors
+    /// When the arm cannot follow its motion.
     pub fn new(
         robot: &RobotSpec,
         lab: &Arc<Lab>,

@@ -246,7 +246,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Takes one byte; gives a result when it completes a sound frame.
+    /// Takes one byte; gives a result when it completes a sound frame, else `None`.
     pub fn push(&mut self, byte: u8) -> Option<Received> {
         if byte != 0 {
             if self.frame.len() == MAX_FRAME_BYTES {

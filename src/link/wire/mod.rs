@@ -243,15 +243,15 @@ pub const NO_RIG: u32 = u32::MAX;
 /// One board's measurements in wire units. Channels of the other board are absent and 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sample {
-    /// Oscillator periods within the gate (about 11,000 in 8 ms).
+    /// Oscillator periods within the gate (about 11,000 in 8 ms), per spring 1 to 12.
     pub spring_counts: [u16; SPRINGS],
-    /// Measured gate length, ticks (about 16,000).
+    /// Measured gate length per spring, ticks (about 16,000).
     pub spring_gate_ticks: [u16; SPRINGS],
-    /// Angular rate, [`GYRO_STEP_RAD_S`].
+    /// Angular rate about the IMU's own x, y, z, [`GYRO_STEP_RAD_S`].
     pub gyro: [[i16; 3]; IMUS],
-    /// Specific force, [`ACCEL_STEP_M_S2`].
+    /// Specific force along the IMU's own x, y, z, [`ACCEL_STEP_M_S2`].
     pub accel: [[i16; 3]; IMUS],
-    /// Gauge pressure, see [`pressure_pa`].
+    /// Gauge pressure of each chamber, 1 to 6, see [`pressure_pa`].
     pub pressure: [u16; CHAMBERS],
     /// Delivered channels, bits as `RawFrame::present`.
     pub present: u32,
@@ -262,7 +262,7 @@ pub struct Sample {
 /// Set pressures in wire units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setpoint {
-    /// Gauge pressure, see [`pressure_pa`]. A board uses its own three.
+    /// Gauge pressure of each chamber, 1 to 6, see [`pressure_pa`]. A board uses its own three.
     pub pressure: [u16; CHAMBERS],
     /// How long it holds without a successor, ms; 0: pumps off. A board ignores one beyond [`LONGEST_TTL_MS`].
     pub ttl_ms: u16,
@@ -356,7 +356,7 @@ pub fn pressure_pa(code: u16) -> f64 {
     (f64::from(code) - 32_768.0) * PRESSURE_STEP_PA
 }
 
-/// Gyroscope and accelerometer counts of a reading, rounded and saturated.
+/// Gyroscope and accelerometer counts of a reading, rounded and saturated; axes x, y, z of the IMU.
 pub fn imu_codes(imu: &ImuRaw) -> ([i16; 3], [i16; 3]) {
     (
         imu.gyro_rad_s.map(|w| (w / GYRO_STEP_RAD_S).round() as i16),
@@ -372,7 +372,7 @@ pub fn imu_reading(gyro: [i16; 3], accel: [i16; 3]) -> ImuRaw {
     }
 }
 
-/// The channels a board delivers, bits as `RawFrame::present`: board 0 segment 1, board 1 segment 2.
+/// The channels a board (0-based) delivers, bits as `RawFrame::present`: board 0 segment 1, board 1 segment 2.
 pub const fn board_channels(board: usize) -> u32 {
     let springs = 0x3f << (6 * board);
     let imus = 0x3 << (SPRINGS + 2 * board);

@@ -39,7 +39,7 @@ pub struct ObjectFrame {
 pub struct Object {
     /// Its name, at most 24 bytes on the line.
     pub name: String,
-    /// Pose of its frame in the motion-capture world, m.
+    /// Pose of its frame in the motion-capture world; translation in m.
     pub world_from_object: Pose,
 }
 

@@ -17,15 +17,15 @@ pub struct SessionLog {
     pub payload_kg: f64,
     /// Time of each sample, s, strictly increasing.
     pub t_s: Vec<f64>,
-    /// Measured gauge pressure per chamber, Pa; NaN where missing.
+    /// Measured gauge pressure per chamber, 1 to 6, Pa; NaN where missing.
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
     /// The 24 sensor signals; NaN where missing.
     pub sensors: Vec<SensorVec>,
     /// Motion capture's pose of the end pad, base from tip; `None` where missing.
     pub truth: Vec<Option<Pose>>,
-    /// Commanded gauge pressure per chamber, Pa, if it was logged; NaN where missing.
+    /// Commanded gauge pressure per chamber, Pa, NaN where missing; `None` if it was not logged.
     pub commanded_pa: Option<Vec<[f64; CHAMBERS]>>,
-    /// Attached mass, kg, if it was logged per sample; NaN where missing.
+    /// Attached mass, kg, NaN where missing; `None` if it was not logged per sample.
     pub payload_column_kg: Option<Vec<f64>>,
     /// Whether the last line of the file was cut, and left out.
     pub cut: bool,

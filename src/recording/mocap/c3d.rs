@@ -6,7 +6,7 @@
 //! | byte 2 | 80 |
 //! | words 2, 3 | points, analogue values per frame |
 //! | words 4, 5 | first and last frame, at most 65535 |
-//! | words 9 | first data block |
+//! | word 9 | first data block |
 //! | words 11-12 | frames per second |
 //!
 //! The parameters' fourth byte is the processor: 84 Intel, 85 DEC, 86 MIPS. Of the parameters the

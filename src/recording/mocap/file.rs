@@ -39,7 +39,7 @@ pub struct MocapFile {
     pub rotation: Option<MocapRotation>,
     /// Units of lengths and, after a comma, angles in the file. In memory they are m and rad.
     pub units: String,
-    /// The axis that points up, where the format settles it.
+    /// The axis of the file that points up; `None` where the format does not settle it.
     pub up: Option<char>,
     /// Ignored sections and assumptions, one sentence each.
     pub notes: Vec<String>,
@@ -50,7 +50,7 @@ pub struct MocapFile {
 pub struct MocapObject {
     /// Name as in the file, `Subject:Object`.
     pub name: String,
-    /// Motion capture's world from the object, m, per frame.
+    /// Motion capture's world from the object, m, per frame; `None` is a gap.
     pub poses: Vec<Option<Pose>>,
 }
 
@@ -59,7 +59,7 @@ pub struct MocapObject {
 pub struct MocapMarker {
     /// Name as in the file, `Subject:Marker`.
     pub name: String,
-    /// Position in the motion capture's world, m, per frame.
+    /// Position in the motion capture's world, m, per frame; `None` is a gap.
     pub positions_m: Vec<Option<Vector3<f64>>>,
 }
 

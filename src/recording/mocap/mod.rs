@@ -45,7 +45,7 @@ const C3D_UNPACKED: u64 = 5;
 /// Reads a motion-capture file of any of the formats above.
 ///
 /// `rotation` states how a Vicon Tracker file writes three angles, which such a file may leave open;
-/// without it they are helical.
+/// with `None` they are helical.
 ///
 /// # Errors
 /// [`RecordingError::Unsupported`] for any other file, one that holds neither objects nor

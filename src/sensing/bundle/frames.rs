@@ -42,9 +42,9 @@ const LEGS_MIN: usize = 5;
 pub struct Sample {
     /// When, s.
     pub t_s: f64,
-    /// Lengths as read, m.
+    /// Lengths as read, in the order of the springs, m; `None` where a spring gave none.
     pub length_m: [Option<f64>; SPRINGS],
-    /// IMUs, their calibrated zeros removed.
+    /// IMUs in their own axes, their calibrated zeros removed; `None` where one was not delivered.
     pub imu: [Option<ImuRaw>; IMUS],
 }
 
@@ -110,15 +110,15 @@ pub struct Frame {
     pub take: usize,
     /// See [`Self::take`].
     pub block: usize,
-    /// Length and standard deviation per spring, m.
+    /// Length and standard deviation per spring, m; `None` where there is none.
     pub length_m: [Option<[f64; 2]>; SPRINGS],
-    /// Specific force and standard deviation per IMU, m/s².
+    /// Specific force in the IMU's axes and standard deviation per IMU, m/s²; `None` where there is none.
     pub force: [Option<(Vector3<f64>, f64)>; IMUS],
-    /// The end pad by motion capture.
+    /// The end pad by motion capture, base from tip; `None` where it was not seen.
     pub tip: Option<Pose>,
-    /// Turn of each IMU to the next frame.
+    /// Turn of each IMU to the next frame; `None` where its gyro has a gap, and before another recording.
     pub link: [Option<Link>; IMUS],
-    /// Middle and end pad to start from.
+    /// Middle and end pad to start from, base from pad.
     pub start: [Pose; 2],
 }
 
@@ -331,7 +331,7 @@ fn start(
     Some((platform::pads(spec, &at), at))
 }
 
-/// Frames of some recordings.
+/// Frames of some recordings, in the order of these and of time.
 pub fn frames(spec: &RobotSpec, segments: &[Segment; 2], takes: &[Take]) -> Vec<Frame> {
     let mut all: Vec<Frame> = Vec::new();
     for (number, take) in takes.iter().enumerate() {

@@ -18,14 +18,15 @@ use crate::sensing::filter::G_M_S2;
 use crate::sensing::platform::{Geometry, LEGS, Segment, pads};
 use crate::signal::Pose;
 
-/// Unknowns of a frame: position and orientation of the middle and the end pad.
+/// Unknowns of a frame: position (m) and rotation vector (rad, base frame) of the middle pad, then of the end pad.
 pub const POSES: usize = 12;
 /// Standard deviations of motion capture: position, m, and orientation, rad.
 pub const TIP_SD: [f64; 2] = [0.2e-3, 0.05 * super::DEG];
 /// Most constant parameters that a measurement depends on.
 const ENTRIES: usize = 9;
 
-/// Constant parameters: differences from the calibration in use.
+/// Constant parameters, differences from the calibration in use, in SI units: ends of the springs (six each), gains of the
+/// springs, mountings, biases of accelerometers, of gyros, gains of accelerometers, of gyros (three each), tilt, markers.
 pub type Constants = [f64; CONSTANTS];
 
 /// One scalar measurement.
@@ -33,9 +34,9 @@ pub type Constants = [f64; CONSTANTS];
 pub struct Row {
     /// Measured less predicted, in standard deviations.
     pub residual: f64,
-    /// Derivative of the prediction after the frame's poses.
+    /// Derivative of the prediction after the frame's poses, in standard deviations per m and rad.
     pub this: [f64; POSES],
-    /// The same after the next frame's poses.
+    /// The same after the next frame's poses; `None` where they have no part in it.
     pub next: Option<[f64; POSES]>,
     constants: [(usize, f64); ENTRIES],
     count: usize,
@@ -79,7 +80,7 @@ impl Row {
         }
     }
 
-    /// Index and derivative of each constant parameter.
+    /// Index and derivative of each constant parameter that has a part in it.
     pub fn constants(&self) -> &[(usize, f64)] {
         &self.constants[..self.count]
     }

@@ -186,7 +186,7 @@ pub struct Adjustment {
     pub parameters: Vec<Parameter>,
     /// Frames used.
     pub frames: usize,
-    /// Blocks of 10 s, and those held out.
+    /// Number of blocks of 10 s, and of those held out.
     pub blocks: [usize; 2],
     /// Whether motion capture of the end pad was used.
     pub with_cameras: bool,

@@ -14,7 +14,7 @@ pub(super) const OBSERVABLE: f64 = 0.7;
 pub struct Parameter {
     /// Name, such as `spring 3, upper end, x`.
     pub name: String,
-    /// Its group; none for the markers' body of motion capture.
+    /// Its group; `None` for the markers' body of motion capture.
     pub group: Option<Group>,
     /// Unit of the numbers below.
     pub unit: &'static str,
@@ -26,7 +26,7 @@ pub struct Parameter {
     pub prior: f64,
     /// Whether the data determine it.
     pub observable: bool,
-    /// What would, where they do not.
+    /// What would, where they do not; `None` where they do, or nothing is known that would.
     pub closed_by: Option<&'static str>,
     /// Whether it is in the calibration.
     pub kept: bool,

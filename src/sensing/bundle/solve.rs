@@ -22,12 +22,12 @@ const DAMPING: [f64; 2] = [1e-6, 1e6];
 type Square = SMatrix<f64, POSES, POSES>;
 type Column = SVector<f64, POSES>;
 
-/// Unknowns of a fit.
+/// Unknowns of a fit in SI units.
 #[derive(Clone, Debug)]
 pub struct State {
     /// Constants.
     pub constants: Constants,
-    /// Middle and end pad per frame of the fit.
+    /// Middle and end pad per frame of the fit, base from pad.
     pub pads: Vec<[Pose; 2]>,
 }
 
@@ -38,7 +38,7 @@ pub struct Fit {
     pub state: State,
     /// Constants that were free, in the order of [`Self::covariance`].
     pub free: Vec<usize>,
-    /// Covariance of the free constants.
+    /// Covariance of the free constants, in SI units.
     pub covariance: DMatrix<f64>,
     chi2: f64,
     freedom: f64,
@@ -171,7 +171,8 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Covariance of the free constants at a state of these frames, were motion capture there in every one.
+    /// Covariance of the free constants at a state of these frames, were motion capture there in every one. `None` where it
+    /// would not determine them.
     pub fn covariance_with_cameras(
         &self,
         which: &[usize],
@@ -188,7 +189,7 @@ impl<'a> Problem<'a> {
         which.get(n + 1).is_some_and(|next| *next == which[n] + 1)
     }
 
-    /// Sum of squares and number of measurements of each frame, and its pads.
+    /// Robust sum of squared residuals, and number of measurements, of each frame of `which` in that order.
     pub fn residuals(&self, which: &[usize], state: &State, cameras: Cameras) -> Vec<[f64; 2]> {
         let each = which.iter().enumerate().map(|(n, k)| {
             let next = self.linked(which, n).then(|| &state.pads[n + 1]);

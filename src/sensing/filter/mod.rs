@@ -176,7 +176,7 @@ enum Loss {
 pub struct Filter {
     spec: RobotSpec,
     geometry: Geometry,
-    /// Middle and end pad.
+    /// Middle and end pad, in this order.
     pub pads: [Pad; PADS],
     gyro_bias: [Vector3<f64>; IMUS],
     accel_bias: [Vector3<f64>; IMUS],
@@ -250,7 +250,7 @@ impl Filter {
         filter
     }
 
-    /// Poses of the middle and the end pad, base from pad.
+    /// Poses of the middle and the end pad, in this order, base from pad.
     pub fn poses(&self) -> [Pose; PADS] {
         self.pads.each_ref().map(|p| p.pose)
     }
@@ -265,12 +265,12 @@ impl Filter {
         pads && known
     }
 
-    /// Bias of a gyro, rad/s.
+    /// Bias of gyro `i` (0-based) in the IMU's own axes, rad/s.
     pub fn gyro_bias(&self, i: usize) -> Vector3<f64> {
         self.gyro_bias[i]
     }
 
-    /// The base in a frame whose z axis points up.
+    /// The base in a frame whose z axis points up: level from base.
     pub fn level_from_base(&self) -> UnitQuaternion<f64> {
         self.level_from_base
     }
@@ -283,7 +283,7 @@ impl Filter {
         }
     }
 
-    /// Whether a spring's reading has jumped.
+    /// Whether the reading of spring `i` (0-based) has jumped.
     pub fn has_jumped(&self, i: usize) -> bool {
         self.has_jumped[i]
     }
@@ -293,13 +293,13 @@ impl Filter {
         &self.geometry
     }
 
-    /// How far healthy springs are off, m.
+    /// How far healthy springs are off, in the order of the springs, m.
     pub fn spring_sd_m(&self) -> [f64; SPRINGS] {
         std::array::from_fn(|i| self.healthy[SPRING + i])
     }
 
-    /// Of the springs of segment `k` that have not jumped, these are faulty and the others are not, whatever was believed of
-    /// them.
+    /// Of the springs of segment `k` (0-based) that have not jumped, these are faulty and the others are not, whatever was
+    /// believed of them.
     pub fn set_faulty(&mut self, k: usize, faulty: &[bool; LEGS]) {
         for (i, faulty) in (LEGS * k..).zip(faulty) {
             if self.has_jumped[i] {
@@ -567,8 +567,9 @@ impl Filter {
         self.covariance[k][k] += variance;
     }
 
-    /// Learns how lively pad `p` moves, `dt_s` after the last frame, from the innovations of its IMUs' forces and rates:
-    /// mean square per axis, and its part that noise explains. A sudden one counts for the present frame.
+    /// Learns how lively pad `p` (0 middle, 1 end) moves, `dt_s` after the last frame, from the innovations of its IMUs'
+    /// forces (m/s²) and rates (rad/s), in this order: mean square per axis, and its part that noise explains. A sudden
+    /// one counts for the present frame. `None`: no IMU measured it; the liveliness is then the one assumed without an IMU.
     pub fn enliven(&mut self, p: usize, dt_s: f64, innovations: Option<[[f64; 2]; 2]>) {
         let least = [ACCEL_SD[0].powi(2), RATE_WALK[0].powi(2)];
         let Some(innovations) = innovations else {
@@ -598,7 +599,7 @@ impl Filter {
         }
     }
 
-    /// A blow may have hit pad `p` since the last frame, and no IMU measured it.
+    /// A blow may have hit pad `p` (0 middle, 1 end) since the last frame, and no IMU measured it.
     pub fn disturb(&mut self, p: usize) {
         for k in 0..PAD {
             self.widen(PAD * p + k, BLOW[k / 3].powi(2));
@@ -802,7 +803,7 @@ impl Filter {
         }
     }
 
-    /// Forgets the biases of healthy channels of segment `k`: one of them may have changed unnoticed.
+    /// Forgets the biases of healthy channels of segment `k` (0-based): one of them may have changed unnoticed.
     pub fn doubt(&mut self, k: usize) {
         for i in LEGS * k..LEGS * (k + 1) {
             if !self.spring_is_open[i] {
@@ -813,7 +814,8 @@ impl Filter {
     }
 
     /// Error of the pads' poses (position, m, and turn, rad, of the middle and the end pad) squared, in units of its
-    /// covariance, per degree of freedom; 1 on average where the covariance is right.
+    /// covariance, per degree of freedom; 1 on average where the covariance is right. `truth` are these two poses, base from
+    /// pad. `None` where that covariance is not positive definite.
     pub fn nees(&self, truth: &[Pose; PADS]) -> Option<f64> {
         let state = |k: usize| PAD * (k / 6) + k % 6;
         let p = SMatrix::<f64, 12, 12>::from_fn(|i, j| self.covariance[state(i)][state(j)]);
@@ -827,7 +829,8 @@ impl Filter {
         Some(e.dot(&p.cholesky()?.solve(&e)) / 12.0)
     }
 
-    /// Standard deviations of a pad's position (largest, m) and orientation (about x, y and z of the base, rad).
+    /// Standard deviations of the position (largest, m) and orientation (about x, y and z of the base, rad) of pad `p` (0
+    /// middle, 1 end).
     pub fn pad_sd(&self, p: usize) -> (f64, [f64; 3]) {
         let sd = |k: usize| self.covariance[PAD * p + k][PAD * p + k].max(0.0).sqrt();
         let place = [0, 1, 2].map(|k| sd(P + k)).into_iter().fold(0.0, f64::max);
@@ -851,12 +854,12 @@ impl Filter {
         self.geometry.drawing_offset_m(i, [&middle.pose, &end.pose])
     }
 
-    /// Rate at which spring `i` lengthens, m/s.
+    /// Rate at which spring `i` (0-based) lengthens, m/s.
     pub fn length_rate_m_s(&self, i: usize) -> f64 {
         self.leg(i).rate_m_s
     }
 
-    /// Rows of a pad's orientation error, about x, y and z of the base.
+    /// Row of the orientation error of pad `p` (0 middle, 1 end) about axis x, y or z (0 to 2) of the base.
     pub fn turn_row(p: usize, axis: usize) -> Row {
         Row::of(&[(PAD * p + TH + axis, 1.0)])
     }

@@ -82,7 +82,7 @@ pub fn pad_index(robot: &RobotSpec, i: usize) -> usize {
     }
 }
 
-/// Direction in the base's plane that the pad leans to, times the angle, rad.
+/// Direction in the base's plane (x, y) that the pad leans to, times the angle, rad.
 pub fn tilt(base_from_pad: &UnitQuaternion<f64>) -> [f64; 2] {
     let up = base_from_pad * Vector3::z();
     let across = up.x.hypot(up.y);
@@ -114,7 +114,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Adds a window: its time, its pad by the springs, and the raw readings.
+    /// Adds a window: its time (s), its pad by the springs, and the raw readings in the IMU's own axes.
     pub fn add(&mut self, t_s: f64, pad: &SpringPad, raw: &ImuRaw) {
         let (gyro, accel) = (Vector3::from(raw.gyro_rad_s), Vector3::from(raw.accel_m_s2));
         let is_slow = self.add_turn(t_s, pad, gyro);
@@ -176,7 +176,7 @@ impl Capture {
         self.sectors.iter().filter(|s| **s).count()
     }
 
-    /// Tilts captured: direction in the base's plane times the angle, rad.
+    /// Tilts captured: direction in the base's plane (x, y) times the angle, rad.
     pub fn tilts_rad(&self) -> &[[f64; 2]] {
         &self.tilts_rad
     }
@@ -374,7 +374,7 @@ pub fn open(parameters: &[Parameter]) -> impl Iterator<Item = String> {
 /// What the fit starts from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
-    /// Gyros that were zeroed at rest, rad/s.
+    /// Gyros that were zeroed at rest: reading there in the IMU's own axes, rad/s; `None` for one that was not.
     pub gyro_bias_rad_s: [Option<Vector3<f64>>; IMUS],
     /// Tilt of the base as it was, kept where not all IMUs are fitted, rad.
     pub base_tilt_rad: [f64; COMMON],
@@ -398,8 +398,8 @@ pub fn ends_sigma_m(calibration: &Calibration) -> f64 {
     }
 }
 
-/// Fits the IMUs that were captured. The base's tilt is fitted when all of them were; otherwise it is kept, since the
-/// others depend on it.
+/// Fits the IMUs that were captured, the others being `None` in `captures`. The base's tilt is fitted when all of them
+/// were; otherwise it is kept, since the others depend on it.
 pub fn fit(robot: &RobotSpec, captures: &[Option<&Capture>; IMUS], start: &Start) -> Fit {
     let mut out = Fit {
         imus: captures.map(|c| Some(Err(c?.check(&start.springs_out).err()?))),

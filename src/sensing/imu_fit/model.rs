@@ -8,7 +8,7 @@ use super::windows::{ByEnds, ENDS, SpringPad};
 pub const GRAVITY_M_S2: f64 = 9.806_65;
 /// Parameters of one IMU: three each, in the order of the constants below.
 pub const OWN: usize = 15;
-/// Mounting, a rotation vector in the pad, rad.
+/// Mounting, a rotation vector in the pad frame, rad.
 pub const MOUNTING: usize = 0;
 /// Gain of the accelerometer less 1.
 pub const ACCEL_GAIN: usize = 3;
@@ -38,18 +38,18 @@ const ITERATIONS_MAX: usize = 20;
 pub struct PoseSample {
     /// By the springs.
     pub pad: SpringPad,
-    /// Raw, m/s².
+    /// Raw, in the IMU's own axes, m/s².
     pub accel_m_s2: Vector3<f64>,
 }
 
 /// Mean rates of one block of motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TurnSample {
-    /// By the springs, in the pad, rad/s.
+    /// By the springs, in the pad's axes, rad/s.
     pub rate_in_pad_rad_s: Vector3<f64>,
     /// The same per displacement of the springs' ends, rad/s/m.
     pub by_ends: Box<ByEnds>,
-    /// Raw, rad/s.
+    /// Raw, in the IMU's own axes, rad/s.
     pub gyro_rad_s: Vector3<f64>,
 }
 
@@ -64,13 +64,13 @@ pub struct Prior {
 
 /// Samples of one IMU.
 pub struct Samples<'a> {
-    /// Nominal mounting.
+    /// Nominal mounting, pad from IMU.
     pub pad_from_imu: UnitQuaternion<f64>,
     /// Gravity at poses.
     pub poses: &'a [PoseSample],
     /// Rates in motion.
     pub turns: &'a [TurnSample],
-    /// Of its own parameters.
+    /// Of its own parameters, in the order of the constants from [`MOUNTING`] on.
     pub priors: [Prior; OWN],
 }
 
@@ -113,7 +113,7 @@ fn seen(
 }
 
 /// Specific force of an IMU at rest, raw, m/s²: f = gain · g (imu from pad) (pad from base) up + bias. With its
-/// derivatives by the parameters and by a turn of the pad in its own axes.
+/// derivatives by the parameters and by a turn of the pad in its own axes. `own` are the [`OWN`] parameters of the IMU.
 pub fn force(
     own: &[f64],
     tilt_rad: [f64; COMMON],
@@ -147,7 +147,7 @@ pub fn force(
 }
 
 /// Rate of an IMU, raw, rad/s: ω = gain · (imu from pad) ω_pad + bias. With its derivatives by the parameters and by
-/// ω_pad.
+/// ω_pad. `own` is as in [`force`].
 pub fn rate(
     own: &[f64],
     pad_from_imu: &UnitQuaternion<f64>,

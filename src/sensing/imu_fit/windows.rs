@@ -86,9 +86,9 @@ fn by_ends(segment: &Segment, k: usize, upper_from_lower: &Pose) -> Option<ByEnd
 pub struct Window {
     /// Middle of its time, s.
     pub t_s: f64,
-    /// Middle and end pad by the springs alone; `None` unless all springs above the pad are good.
+    /// Middle and end pad by the springs alone, in this order; `None` unless all springs above the pad are good.
     pub base_from_pad: [Option<SpringPad>; 2],
-    /// Raw means; `None` for an IMU that missed a frame.
+    /// Raw means in the IMUs' own axes; `None` for an IMU that missed a frame.
     pub imu: [Option<ImuRaw>; IMUS],
 }
 
@@ -189,7 +189,7 @@ impl Windows {
         }
     }
 
-    /// Adds a frame; the window that it completes, if it does. A frame that is not newer than the last one is ignored.
+    /// Adds a frame; gives the window that it completes, else `None`. A frame that is not newer than the last one is ignored.
     pub fn push(&mut self, raw: &RawFrame) -> Option<Window> {
         let mut sums = match self.sums.take() {
             Some(sums) if raw.stamp <= sums.last => {
@@ -259,7 +259,7 @@ impl Windows {
 /// Zeros of the gyros.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RestZero {
-    /// Reading of each gyro at rest, rad/s; `None` for an IMU that missed a frame.
+    /// Reading of each gyro at rest, in its IMU's own axes, rad/s; `None` for an IMU that missed a frame.
     pub gyro_bias_rad_s: [Option<Vector3<f64>>; IMUS],
 }
 

@@ -48,10 +48,9 @@ pub struct ClockOffset {
     pub glitches: usize,
 }
 
-/// The offset between the clocks of two streams (time in s by the stream's own clock, pose of the tip
-/// in the base frame; pose of the object in its world, `None` where it was not seen; poses with
-/// numbers that are not finite count as gaps). With `frames`
-/// they are held and the tip's speed is correlated too; without, they are fitted along.
+/// The offset between the clocks of two streams (time in s by the stream's own clock, pose of the tip in the base
+/// frame; pose of the object in its world, `None` where it was not seen; poses with numbers that are not finite count
+/// as gaps). With `frames` they are held and the tip's speed is correlated too; with `None` they are fitted along.
 ///
 /// # Errors
 /// [`RegistrationError`] for times that run backwards, too little in common, motion that determines too

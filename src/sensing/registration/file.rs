@@ -15,7 +15,7 @@ const OFFSET_MAX_S: f64 = 3.2e9;
 /// A transform and its one sigma, in the worst direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
-    /// The transform.
+    /// The transform, as the name of the field that holds it states.
     pub pose: Pose,
     /// One sigma; 0 where it was held.
     pub sigma: Noise,
@@ -43,7 +43,7 @@ pub struct Registration {
     pub base_from_world: Placed,
     /// Y.
     pub object_from_tip: Placed,
-    /// The clock's offset; settled poses say nothing of it.
+    /// The clock's offset; `None` for settled poses, which state nothing of it.
     pub clock: Option<MeasuredOffset>,
     /// Poses it rests on.
     pub poses: usize,
@@ -115,12 +115,12 @@ impl Registration {
         }
     }
 
-    /// Tip in the base frame, by the tracked object in its world.
+    /// Tip in the base frame, by the pose of the tracked object in motion capture's world.
     pub fn ground_truth_pose(&self, world_from_object: &Pose) -> Pose {
         self.frames().base_from_tip(world_from_object)
     }
 
-    /// The robot's time of a motion-capture time, s; nothing while the clock's offset is not known.
+    /// The robot's time of a motion-capture time, s; `None` while the clock's offset is not known.
     pub fn robot_time_s(&self, mocap_s: f64) -> Option<f64> {
         Some(mocap_s + self.clock?.offset_s)
     }

@@ -151,7 +151,7 @@ impl Default for FitOptions {
 pub struct FrameFit {
     /// The frames.
     pub frames: Frames,
-    /// ā, m. Uncertainty of `base_from_world` is given at this point, not at an origin far away.
+    /// ā in motion capture's world, m. Uncertainty of `base_from_world` is given at this point, not at an origin far away.
     pub centre_in_world_m: Vector3<f64>,
     /// Covariance by the stated noise over φ_X (rad, base frame, R_X ← exp(φ) R_X), the image X ā
     /// (m), φ_Y (rad, tip frame, R_Y ← R_Y exp(φ)) and t_Y (m). Zero for what was held.
@@ -162,7 +162,7 @@ pub struct FrameFit {
     pub converged: bool,
     /// Smallest eigenvalue of the normal matrix in units of ([`WEAKEST_M`], [`WEAKEST_RAD`]).
     pub weakest: f64,
-    /// Per pair, what the others predict of it.
+    /// Per pair, in the order given, what the others predict of it.
     pub held_out: Vec<HeldOut>,
     /// Over the pairs that were used.
     pub summary: HeldOutSummary,

@@ -13,7 +13,7 @@ pub struct Active {
     pub effect: &'static Effect,
     /// On which channel (0-based); `None` for every one.
     pub target: Option<usize>,
-    /// Values of its parameters, in their order.
+    /// Values of its parameters, in their order and units.
     pub values: Vec<f64>,
 }
 
@@ -78,12 +78,12 @@ pub fn table() -> Vec<&'static Effect> {
     EFFECTS.iter().collect()
 }
 
-/// The effect with this id.
+/// The effect with this id; `None` if the table has none.
 pub fn effect(id: &str) -> Option<&'static Effect> {
     EFFECTS.iter().find(|e| e.id == id)
 }
 
-/// The effect, or the term of a law, with this id.
+/// The effect, or the term of a law, with this id; `None` if there is none.
 pub fn effect_or_term(id: &str) -> Option<&'static Effect> {
     effect(id).or_else(|| Some(&term(id)?.effect))
 }
@@ -144,14 +144,14 @@ pub struct Trajectory {
 /// Result of a run, one entry per instant of the trajectory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Simulated {
-    /// Pressure in the chambers, Pa.
+    /// Gauge pressure in the chambers, 1 to 6, Pa.
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
-    /// Gauge readings, Pa.
+    /// Gauge readings per chamber, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
     /// The 24 signals as read.
     pub sensors: Vec<SensorVec>,
-    /// Poses of the top, middle and end pad.
+    /// Poses of the top, middle and end pad, base from pad.
     pub base_from_pad: Vec<[Pose; 3]>,
-    /// Middle and end pad as motion capture reports them.
+    /// Middle and end pad as motion capture reports them: base from pad, with the errors of its frame and clock.
     pub captured: Vec<[Pose; 2]>,
 }

@@ -44,11 +44,11 @@ pub struct Parameter {
     pub nominal: f64,
     /// Smallest and largest value.
     pub bounds: [f64; 2],
-    /// A usual size of its change, in its unit; without one it is taken from the starts of the search.
+    /// A usual size of its change, in its unit; `None`: it is taken from the starts of the search.
     pub scale: Option<f64>,
     /// How well the law defines it.
     pub inexact: Inexact,
-    /// Factor to the unit people read, and that unit; the customary one of [`Self::unit`] without it.
+    /// Factor to the unit people read, and that unit; `None`: the customary one of [`Self::unit`].
     pub shown: Option<(f64, &'static str)>,
     /// Whether files may lack it, as those of versions do that did not have it; it is then nominal.
     pub optional: bool,
@@ -165,9 +165,9 @@ pub struct Scene {
 /// One way to start a search: a value of every parameter, and those whose share is looked for at first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
-    /// Value of every parameter.
+    /// Value of every parameter, in their order and units.
     pub at: Vec<f64>,
-    /// Parameters that are moved from nominal towards `at`, each giving one column.
+    /// Parameters (0-based) that are moved from nominal towards `at`, each giving one column.
     pub moves: Vec<usize>,
 }
 
@@ -210,9 +210,9 @@ pub struct Effect {
     pub operator: Operator,
     /// Chamber pressures from gauge readings, for what lies behind the gauge; `None` for all else.
     pub behind_gauge: Option<BehindGauge>,
-    /// What it changes in the readings besides, where its operator acts on the arm.
+    /// What it changes in the readings besides, where its operator acts on the arm; `None`: nothing.
     pub also_read: Option<fn(&Call, &mut [SensorVec])>,
-    /// What it changes in the arm besides, where its operator acts on pressures.
+    /// What it changes in the arm besides, where its operator acts on pressures; `None`: nothing.
     pub also_moves: Option<fn(&Call, &mut Plant)>,
     /// The channels it may sit on.
     pub reach: Reach,
@@ -220,7 +220,7 @@ pub struct Effect {
     pub law: Law,
     /// Whether a share of a start is a weaker effect. Where it is not, a search begins at the starts themselves.
     pub gradual: bool,
-    /// The parameter that is a time constant, s, when it has one.
+    /// Index of the parameter that is a time constant, s; `None` when it has none.
     pub memory: Option<usize>,
     /// Where a search starts on a channel (0-based; `None`: all).
     pub starts: fn(&Scene, Option<usize>) -> Vec<Start>,
@@ -267,7 +267,7 @@ pub struct Call<'a> {
     pub t_s: &'a [f64],
     /// The channel (0-based); `None` for every one.
     pub target: Option<usize>,
-    /// Values of the effect's parameters, in their order.
+    /// Values of the effect's parameters, in their order and units.
     pub values: &'a [f64],
     /// Pressures in the chambers at these times, Pa; empty where the arm is described apart from a trajectory.
     pub chamber_pa: &'a [[f64; CHAMBERS]],
@@ -283,11 +283,12 @@ impl Call<'_> {
 /// Pressures behind the pumps, one entry per instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// In the chambers, Pa.
+    /// Gauge pressure in the chambers, 1 to 6, Pa.
     pub chamber_pa: Vec<[f64; CHAMBERS]>,
-    /// Gauge readings, Pa.
+    /// Gauge readings per chamber, Pa.
     pub gauge_pa: Vec<[f64; CHAMBERS]>,
-    /// How fast each pump fills and empties its chamber at most, Pa/s, where that is known and no effect has applied it yet.
+    /// How fast each pump fills and empties its chamber at most, Pa/s; `None` where that is not known or an effect has
+    /// applied it already.
     pub pump_pa_s: [Option<[f64; 2]>; CHAMBERS],
 }
 
@@ -304,7 +305,7 @@ pub struct Plant {
     pub tip_force_n: Vector3<f64>,
     /// Time constants of damping, s (none: settled at every instant).
     pub viscosity: Viscosity,
-    /// Tensions over time, N: one series for each that depends on what was before.
+    /// Additional tensions of the bellows over time, N: one series for each that depends on what was before.
     pub tensions_n: Vec<Vec<[f64; CHAMBERS]>>,
     /// Force on the end pad over time, N: base frame, per second since the start.
     pub tip_force_n_s: Vector3<f64>,
@@ -315,11 +316,11 @@ pub struct Plant {
 /// A tension of bellows as a function of pressure and posture.
 #[derive(Clone, Copy, Debug)]
 pub struct Reaction {
-    /// On which chamber (0-based); on every one without.
+    /// On which chamber (0-based); `None`: on every one.
     pub on: Option<usize>,
     /// N per unit of the function.
     pub coefficient: f64,
-    /// Of the posture and the chamber.
+    /// The function: of the posture and the chamber (0-based).
     pub of: fn(&Posture, usize) -> f64,
 }
 
@@ -332,6 +333,6 @@ pub struct Posture {
     pub chamber_pa: [f64; CHAMBERS],
     /// What each bellows is longer than at 0 Pa, m.
     pub longer_m: [f64; CHAMBERS],
-    /// By how much each segment is bent, rad.
+    /// By how much each segment is bent, upper segment first, rad.
     pub bend_rad: [f64; 2],
 }

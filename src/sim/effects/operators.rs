@@ -30,7 +30,8 @@ fn lagged(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
     y
 }
 
-/// The same of a series that runs straight between instants: what was measured, not commanded.
+/// First-order lag of `tau_s` behind a series that runs straight between the instants `t_s`: what was measured, not
+/// commanded.
 pub fn lagged_ramps(t_s: &[f64], x: &[f64], tau_s: f64) -> Vec<f64> {
     let mut y = x.to_vec();
     for k in 1..x.len() {
@@ -97,7 +98,7 @@ pub(super) fn flow_limit(c: &Call, line: &mut Line) {
     change_both(c, line, |x| limited(c.t_s, x, [c.values[0], c.values[1]]));
 }
 
-/// The series, no faster than these rates up and down.
+/// The series at the times `t_s`, no faster than these rates up and down, both positive, per second.
 pub fn limited(t_s: &[f64], x: &[f64], [up_1_s, down_1_s]: [f64; 2]) -> Vec<f64> {
     let mut y = x.to_vec();
     for k in 1..x.len() {

@@ -14,7 +14,8 @@ use crate::sim::rod::{PointMass, Viscosity};
 use crate::sim::sensors::bends_rad;
 use crate::sim::{Inputs, Model, Observation, SimError, State, observe, settle, step_overdamped};
 
-/// Runs a trajectory. Effects act in the order of the table, whatever the order of `effects`.
+/// Runs a trajectory. Effects act in the order of the table, whatever the order of `effects`. `payload_kg` is the mass in the
+/// gripper.
 ///
 /// # Errors
 /// [`EffectError`] when the trajectory is empty or uneven, or the arm finds no equilibrium.
@@ -53,8 +54,9 @@ pub fn simulate(
     Ok(out)
 }
 
-/// Pressures for the commands `commanded_pa`: the pressure effects alone, no arm. The limits of the pumps, Pa/s, are applied by
-/// effects that depend on them; those that are left in the result are not applied yet.
+/// Gauge pressures for the commands `commanded_pa` (gauge, Pa): the pressure effects alone, no arm. The limits of the pumps,
+/// Pa/s (fill, empty; `None`: none is known), are applied by effects that depend on them; those that are left in the result
+/// are not applied yet.
 pub fn gauges(
     robot: &RobotSpec,
     t_s: &[f64],

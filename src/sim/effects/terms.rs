@@ -129,7 +129,7 @@ pub struct Term {
     pub instant: bool,
 }
 
-/// The term with this id.
+/// The term with this id; `None` if there is none.
 pub fn term(id: &str) -> Option<&'static Term> {
     TERMS.iter().find(|t| t.effect.id == id)
 }

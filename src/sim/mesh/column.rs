@@ -46,7 +46,7 @@ pub(super) struct Build {
     pub across: f64,
     /// K, J.
     pub growth_j: f64,
-    /// Weight of the column, N.
+    /// Weight of the column in the base frame, N.
     pub load_n: Vector3<f64>,
     /// Rest origins of the pads at its ends, m; none where the end is clamped.
     pub pads_m: [Option<Vector3<f64>>; 2],
@@ -184,8 +184,8 @@ impl Column {
         self.ring..self.rest_m.len() - self.ring
     }
 
-    /// Rotations and growth that fit `x_m` best, starting from `growth`; leaves the force on every
-    /// node (−∂E/∂x) in `force_n`. `axial_n` is scratch of the same length.
+    /// Rotations and growth that fit `x_m` best, starting from `growth`; leaves the force on every node (−∂E/∂x, N, base
+    /// frame) in `force_n`. `axial_n` is scratch of the same length.
     pub fn local(
         &self,
         x_m: &[Vector3<f64>],

@@ -1,4 +1,4 @@
-//! Geometric simulator: tetrahedra drawn to a shape, after the idea of the paper's simulator (S2).
+//! Geometric simulator: tetrahedra drawn to a shape, after the idea of the paper's simulator (section III-A).
 //!
 //! Per segment three bellows and a central tube, each a hollow column of tetrahedra between rigid
 //! pads; the top pad is clamped. Minimised is
@@ -100,7 +100,7 @@ pub struct MeshState {
     pub nodes_m: Vec<Vec<Vector3<f64>>>,
     /// Middle and end pad, base from pad.
     pub pads: [Frame; 2],
-    /// λ of each column.
+    /// λ of each column, in the order of `nodes_m`.
     pub growth: Vec<f64>,
 }
 
@@ -136,8 +136,8 @@ impl MeshModel {
     /// Meshes a robot and calibrates its walls against the rod model.
     ///
     /// # Errors
-    /// [`SimError`] when the robot's dimensions leave no volume to mesh, the calibration's bend
-    /// cannot be solved, or no walls bend like the rod model.
+    /// [`SimError`] when the robot's dimensions leave no volume to mesh, its segments differ or have a core, the
+    /// calibration's bend cannot be solved, or no walls bend like the rod model.
     pub fn new(robot: &RobotSpec) -> Result<Self, SimError> {
         let inputs = calibration_bend(robot);
         // The walls are those of the robot without its patches.

@@ -14,7 +14,7 @@ use crate::sim::{Model, Parameters, Resolution};
 /// All patches of a robot as one.
 #[derive(Clone, Debug)]
 pub struct Correction {
-    /// Values of the calibration parameters.
+    /// Values of the calibration parameters, in the order of [`calibration_parameters`].
     pub values: Vec<f64>,
     /// Effects.
     pub effects: Vec<Active>,
@@ -65,7 +65,7 @@ impl Correction {
         Self::of(robot).unwrap_or_default()
     }
 
-    /// With departures and effects on top.
+    /// With the departures `values` (as in [`Self::values`], nominal ones change nothing) and `effects` on top.
     #[must_use]
     pub fn and(mut self, values: &[f64], effects: &[Active]) -> Self {
         for ((mine, parameter), v) in self
@@ -101,7 +101,8 @@ impl Correction {
     }
 }
 
-/// The model at these calibration parameters alone: the robot's own patches are not in it.
+/// The model at these calibration parameters alone: the robot's own patches are not in it. `values` are in the order of
+/// [`calibration_parameters`].
 pub fn model(robot: &RobotSpec, values: &[f64]) -> Model {
     Model::bare(
         &geometry(robot, values),
@@ -125,12 +126,12 @@ impl Model {
     }
 }
 
-/// Sensor errors that a patch describes.
+/// Constant errors of the sensors that patches describe.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorErrors {
     /// Gain g and offset o (m) of each spring: it reads g l + o.
     pub spring: [[f64; 2]; SPRINGS],
-    /// Turn of each IMU on its pad: it reads R exp(δ) where the pad stands at R.
+    /// Turn δ of each IMU on its pad: it reads R exp(δ) where the pad stands at R (base from pad).
     pub imu: [UnitQuaternion<f64>; IMUS],
 }
 
@@ -183,7 +184,7 @@ impl SensorErrors {
         out
     }
 
-    /// Spring readings at these lengths, m.
+    /// Spring readings at these lengths, both in the order of the springs, m.
     pub fn read_springs(&self, spring_m: &[f64; SPRINGS]) -> [f64; SPRINGS] {
         std::array::from_fn(|i| self.spring[i][0] * spring_m[i] + self.spring[i][1])
     }

@@ -57,7 +57,7 @@ pub enum PatchError {
 }
 
 impl Patch {
-    /// Values of all calibration parameters.
+    /// Values of all calibration parameters, in the order of [`super::calibration_parameters`]; nominal where it sets none.
     ///
     /// # Errors
     /// [`PatchError`] for a parameter that does not exist or a value that no arm has.

@@ -5,7 +5,8 @@ use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 use crate::sim::Parameters;
 
-/// One number that differs from arm to arm and from mounting to mounting: a nuisance parameter.
+/// One number that differs from arm to arm and from mounting to mounting: a nuisance parameter. Chambers, springs, IMUs,
+/// segments and axes are 0-based.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CalibrationParameter {
@@ -47,7 +48,7 @@ pub enum CalibrationParameter {
     SpringLag,
     /// Turn of an IMU on its pad (IMU, axis), rad.
     Mounting(usize, usize),
-    /// Motion-capture frame: x, y, z (m), rotation vector (rad).
+    /// Motion-capture frame against the base frame: x, y, z (m), rotation vector (rad).
     Frame(usize),
     /// Clock of the motion capture, s.
     Clock,
@@ -170,7 +171,7 @@ pub fn calibration_parameters() -> Vec<CalibrationParameter> {
     out
 }
 
-/// Nominal values of all calibration parameters.
+/// Nominal values of all calibration parameters, in the order of [`calibration_parameters`].
 pub fn nominal() -> Vec<f64> {
     calibration_parameters()
         .into_iter()
@@ -178,7 +179,7 @@ pub fn nominal() -> Vec<f64> {
         .collect()
 }
 
-/// The model's parameters at these calibration parameters.
+/// The model's parameters at these values of the calibration parameters, in the order of [`calibration_parameters`].
 pub fn parameters(values: &[f64]) -> Parameters {
     shifted(&Parameters::default(), values)
 }

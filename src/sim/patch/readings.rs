@@ -5,7 +5,7 @@ use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS};
 use crate::sim::effects::{self, Active};
 
-/// Calibration parameters of the readings, as effects.
+/// Calibration parameters of the readings, as effects; `values` are in the order of [`calibration_parameters`].
 pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
     let mut offset_m = [0.0; SPRINGS];
     let mut gain = [0.0; SPRINGS];
@@ -45,7 +45,7 @@ pub fn readings(robot: &RobotSpec, values: &[f64]) -> Vec<Active> {
         .collect()
 }
 
-/// Calibration parameters of motion that need a history, as effects.
+/// Calibration parameters of motion that need a history, as effects; `values` as in [`readings`].
 pub fn motions(values: &[f64]) -> Vec<Active> {
     let value = |wanted: CalibrationParameter| {
         let found = calibration_parameters()
@@ -84,7 +84,8 @@ pub fn motions(values: &[f64]) -> Vec<Active> {
         .collect()
 }
 
-/// An effect whose values are corrections of healthy things: the bounds of faults do not bind them.
+/// The effect `id` on channel `target` (0-based; `None`: every one) with values that are corrections of healthy things: the
+/// bounds of faults do not bind them. `None` if there is no such effect.
 pub fn unbounded(id: &str, target: Option<usize>, values: Vec<f64>) -> Option<Active> {
     effects::effect(id).map(|effect| Active {
         effect,

@@ -36,9 +36,9 @@ use crate::sim::anderson::Anderson;
 /// Strains and momenta of a rod.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
-    /// Strains.
+    /// Strains, in the order of [`Rod::rest_state`].
     pub q: Vec<f64>,
-    /// Momenta conjugate to the strains.
+    /// Momenta conjugate to the strains, in their order.
     pub p: Vec<f64>,
 }
 

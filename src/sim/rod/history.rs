@@ -36,7 +36,7 @@ pub struct BellowsHistory {
 pub struct History {
     /// One entry per bellows; empty when no bellows has friction or branches.
     pub bellows: Vec<BellowsHistory>,
-    /// Present when the rod has a floor.
+    /// Contact with the rod's floor; `None` for a rod without one.
     pub contact: Option<Contact>,
 }
 

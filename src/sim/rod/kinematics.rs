@@ -46,19 +46,19 @@ impl Kinematics {
         }
     }
 
-    /// Poses along section `s`: its start, then every element's end.
+    /// Poses along section `s` (0-based), base from section: its start, then every element's end.
     pub fn section(&self, s: usize) -> &[Frame] {
         let end = self.first.get(s + 1).copied().unwrap_or(self.nodes.len());
         &self.nodes[self.first[s]..end]
     }
 
-    /// Start and end of section `s`.
+    /// Start and end of section `s` (0-based), base from section.
     pub fn ends(&self, s: usize) -> [Frame; 2] {
         let nodes = self.section(s);
         [nodes[0], nodes[nodes.len() - 1]]
     }
 
-    /// The pose of the last section's end.
+    /// The pose of the last section's end, in the base frame.
     pub fn tip(&self) -> Frame {
         self.nodes.last().copied().unwrap_or_else(Frame::identity)
     }

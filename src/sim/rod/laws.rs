@@ -32,7 +32,7 @@ pub struct Floor {
     pub rate_n_m: f64,
     /// Largest grip over push.
     pub friction: f64,
-    /// What the end drags behind it, wherever it is.
+    /// What the end drags behind it, wherever it is; `None`: nothing.
     pub drag: Option<Drag>,
 }
 
@@ -69,7 +69,7 @@ impl Drag {
 /// Contact of the last section's end with the [`Floor`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// Where the end is, m.
+    /// Where the end is, base frame, m.
     pub at_m: Vector3<f64>,
     /// Grip along the surface's x and y, N.
     pub grip_n: Vector2<f64>,

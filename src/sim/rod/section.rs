@@ -27,7 +27,7 @@ impl Strains {
 /// A bellows running along a section.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bellows {
-    /// Its place in the cross-section, m.
+    /// Its place (x, y, 0) in the cross-section's frame, m.
     pub r_m: Vector3<f64>,
     /// k l₀: force per unit stretch, N.
     pub stiffness_n: f64,
@@ -97,7 +97,7 @@ pub struct Section {
     pub length_m: f64,
     /// Rigidity against (κx, κy, κz) in N m² and (vx, vy, vz) in N, about the reference strain.
     pub rigidity: [f64; 6],
-    /// Reference strain (κ in 1/m, v).
+    /// Reference strain (κx, κy, κz in 1/m, vx, vy, vz).
     pub rest: [f64; 6],
     /// Bellows.
     pub bellows: Vec<Bellows>,
@@ -122,7 +122,7 @@ pub struct Rod {
     pub gravity_m_s2: Vector3<f64>,
     /// Base from the start of the first section.
     pub base: Frame,
-    /// A floor under the last section's end.
+    /// An elastic surface at the last section's end; `None`: none.
     pub floor: Option<Floor>,
 }
 
@@ -143,7 +143,7 @@ impl Rod {
         self.sections.iter_mut().flat_map(|s| &mut s.bellows)
     }
 
-    /// Lengths of all bellows along their own paths, m.
+    /// Lengths of all bellows along their own paths, section after section, m. `q` is as in [`Self::rest_state`].
     pub fn bellows_lengths_m(&self, q: &[f64]) -> Vec<f64> {
         let idx = self.strains.indices();
         let mut elements = q.chunks_exact(idx.len());
@@ -161,7 +161,8 @@ impl Rod {
         out
     }
 
-    /// The unloaded state.
+    /// Strains of the unloaded rod, element after element from the base to the tip: of each the free ones in the order of
+    /// [`Strains::indices`].
     pub fn rest_state(&self) -> Vec<f64> {
         let idx = self.strains.indices();
         let mut q = Vec::with_capacity(self.unknowns());

@@ -24,7 +24,7 @@ use super::section::{Rod, strain_of};
 pub struct Tangent {
     /// Poses of all element ends.
     pub kinematics: Kinematics,
-    /// Spatial screw of every strain: rad and m per unit of strain.
+    /// Spatial screw of every strain in the base frame: rad and m per unit of strain.
     pub screws: Vec<Twist>,
     factor: Factor,
     /// Number of the first strain of each section, and of the end.
@@ -56,7 +56,7 @@ impl Tangent {
         })
     }
 
-    /// dq per newton of the pushing force of bellows `bellows` of section `section`.
+    /// dq per newton of the pushing force of bellows `bellows` (0-based in its section) of section `section` (0-based).
     pub fn by_bellows(&self, rod: &Rod, q: &[f64], section: usize, bellows: usize) -> Vec<f64> {
         let idx = rod.strains.indices();
         let s = &rod.sections[section];
@@ -79,7 +79,7 @@ impl Tangent {
         out
     }
 
-    /// dq per newton of a force along `direction` on a point `x_m` (base frame) fixed to the tip.
+    /// dq per newton of a force along the unit vector `direction` on a point `x_m` fixed to the tip, both in the base frame.
     pub fn by_tip_force(&self, x_m: &Vector3<f64>, direction: &Vector3<f64>) -> Vec<f64> {
         let mut out: Vec<f64> = self
             .screws

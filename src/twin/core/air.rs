@@ -83,7 +83,7 @@ impl AirWatch {
         self.adrift_s.iter().any(|s| *s > 0.0)
     }
 
-    /// The chamber that is far from its set pressure and does not come nearer, if one has been for long enough.
+    /// The chamber that is far from its set pressure and does not come nearer; `None` while none has been for long enough.
     pub fn adrift(&self) -> Option<Short> {
         let newest = self.past.back()?;
         let chamber = (0..CHAMBERS).find(|i| self.adrift_s[*i] >= ADRIFT_S)?;
@@ -95,8 +95,8 @@ impl AirWatch {
         })
     }
 
-    /// Takes in a frame of `stamp`: gauge pressures and what they should be (Pa), middle and end pad (base from
-    /// pad). Gives the chamber that is short of air for the longest, if one is for long enough.
+    /// Takes in a frame of `stamp`: gauge pressures and what they should be (Pa), middle and end pad (base from pad). Gives
+    /// the chamber that is short of air for the longest, if one is for long enough. Else `None`.
     pub fn update(
         &mut self,
         robot: &RobotSpec,

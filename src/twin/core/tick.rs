@@ -14,7 +14,8 @@ use crate::twin::maps::Reading;
 const AHEAD_PA: f64 = 4e3;
 
 impl Twin {
-    /// One step: takes what arrived, answers with a command for the boards (or none) and events.
+    /// One step: takes what arrived (`raw`: `None` if no frame did), answers with a command for the boards (`None`: no set
+    /// pressures) and events.
     pub fn tick(
         &mut self,
         now: Stamp,

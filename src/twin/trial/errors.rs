@@ -21,7 +21,8 @@ const GAP_S: f64 = 0.05;
 pub struct Trial {
     /// Raw frames in order of time.
     pub frames: Vec<RawFrame>,
-    /// What motion capture saw meanwhile, in order of time: the tip in its own frame of reference.
+    /// What motion capture saw meanwhile, in order of time: the object's pose in the world that `frames` of [`Self::errors`]
+    /// place on the robot.
     pub truths: Vec<(Stamp, Pose)>,
 }
 
@@ -56,11 +57,12 @@ impl Spread {
 /// How a calibration did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrialErrors {
-    /// Distance of the estimate from motion capture, m.
+    /// Distance of the estimate from motion capture, m; `None` where there was nothing to compare.
     pub position_m: Option<Spread>,
-    /// Angle between them, rad.
+    /// Angle between them, rad; `None` likewise.
     pub rotation_rad: Option<Spread>,
-    /// Angle between the pads by the springs and by the IMUs, rad: needs no motion capture.
+    /// Angle between the pads by the springs and by the IMUs, rad: needs no motion capture; `None` where these gave no
+    /// orientations.
     pub disagreement_rad: Option<Spread>,
     /// How far the springs were moved, m: from the length that 5 % fall short of to the one that 5 % exceed, the
     /// median spring's.
@@ -75,9 +77,8 @@ impl Trial {
         (span_s - TRIAL_SETTLING_S).max(0.0)
     }
 
-    /// What the estimate errs by with `calibration`; `frames` place motion capture on the robot, without them it is
-    /// not looked at.
-    /// `go_on` is asked now and then with the share done; `None` when it returns false.
+    /// What the estimate errs by with `calibration`; `frames` place motion capture on the robot, with `None` it is not
+    /// looked at. `go_on` is asked now and then with the share done; `None` when it returns false.
     pub fn errors(
         &self,
         robot: &RobotSpec,

@@ -37,7 +37,7 @@ impl FrameLog {
         self.len() == 0
     }
 
-    /// The newest frame.
+    /// The newest frame; `None` if there is none.
     pub fn last(&self) -> Option<&RawFrame> {
         self.open.last().or_else(|| self.full.back()?.last())
     }

@@ -24,7 +24,7 @@ pub struct Rest {
     pub from: Stamp,
     /// When it ended.
     pub to: Stamp,
-    /// The mean that motion capture saw meanwhile.
+    /// The mean that motion capture saw meanwhile, its world from the object.
     pub world_from_object: Pose,
 }
 
@@ -88,7 +88,7 @@ impl RestPoses {
         Some(pairs.collect())
     }
 
-    /// Where motion capture is on the robot as `calibration` reads it; no frames where its poses do not give any.
+    /// Where motion capture is on the robot as `calibration` reads it; `Some(None)` where its poses do not give any frames.
     /// `go_on` is asked now and then with the share done; `None` when it returns false.
     pub fn place(
         &self,
@@ -106,7 +106,7 @@ impl RestPoses {
     }
 }
 
-/// The mean of poses that lie close together.
+/// The mean of poses in one frame that lie close together; `None` of none.
 pub fn mean(poses: &[Pose]) -> Option<Pose> {
     let n = poses.len() as f64;
     let first = poses.first()?.rotation;

@@ -121,9 +121,9 @@ pub struct Borne {
     /// Mean true distance from the path, mm: before, and from three seconds after its end.
     pub before_mm: f64,
     pub after_mm: Option<f64>,
-    /// Largest meanwhile, mm.
+    /// Largest meanwhile, mm; `None` without ground truth.
     pub largest_mm: Option<f64>,
-    /// Fastest change of that distance once it is over, mm/s: an oscillation shows here.
+    /// Fastest change of that distance once it is over, mm/s: an oscillation shows here. `None` without ground truth.
     pub beside_mm_s: Option<f64>,
     /// Whether the arm went SAFE.
     pub safe: bool,

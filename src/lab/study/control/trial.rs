@@ -109,6 +109,9 @@ pub fn path_of(shape: Shape) -> Path {
 }
 
 /// Runs one trial on a unit, with its calibration and networks.
+///
+/// # Errors
+/// When the rig cannot be set up, the boards do not get ready, or a limit is violated.
 pub fn run(
     robot: &RobotSpec,
     calibration: &Calibration,

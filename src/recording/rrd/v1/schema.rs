@@ -19,7 +19,7 @@
 //! | `/tip/predicted/position_mm`, `ypr_deg` | 3, 3 | `/si/tip/predicted` | pose (7), training distance, covariance (36) | stamp ns |
 //! | `/tip/vicon/position_mm`, `ypr_deg` | 3, 3 | `/si/tip/vicon` | pose (7) | stamp ns, source |
 //! | `/tip/error_mm`, `/tip/error_deg` | predicted against Vicon | | | |
-//! | `/goal/position_mm` | 3 | `/si/goal` (on change) | pose (7; x, y, z of the direction and 0 for aim 2), tolerance m | present, aim (0 free, 1 rotation, 2 direction) |
+//! | `/goal/position_mm` | 3 | `/si/goal` (on change) | pose (7; x, y, z of the direction and 0 for orientation goal 2), tolerance m | present, orientation goal (0 free, 1 rotation, 2 direction) |
 //! | `/control/spring_ref_mm`, `imu_ref_deg` | 12, 12 | `/si/control/spring_ref_m`, `imu_ref_rad` | 12, 12 | |
 //! | | | `/tick` | connected, link age s, two board rates Hz, payload kg | frames, lost frames, mode |
 //!
