@@ -249,3 +249,161 @@ fn print(report: &Report, cli: &Cli) -> Result<()> {
         text => stdio::line(text),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+    use std::path::{Path, PathBuf};
+
+    use clap::CommandFactory as _;
+
+    use super::*;
+
+    const OWN: [&str; 2] = ["cli.md", "worked-changes.md"];
+
+    /// Options of other programs that pages name.
+    const OTHERS: [&str; 8] = [
+        "address",
+        "bind",
+        "check",
+        "ignored",
+        "lib",
+        "nocapture",
+        "open",
+        "test",
+    ];
+
+    /// README and pages of the guide, except for the one that is made of the commands, and the one about a program that has been
+    /// changed.
+    fn pages() -> Vec<(PathBuf, String)> {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let guide = std::fs::read_dir(root.join("assets/guide")).expect("the guide");
+        let mut files: Vec<PathBuf> = guide.map(|e| e.expect("an entry").path()).collect();
+        files.extend([root.join("README.md"), root.join("ARCHITECTURE.md")]);
+        files.retain(|f| {
+            f.extension().is_some_and(|e| e == "md") && !OWN.iter().any(|own| f.ends_with(own))
+        });
+        files.sort();
+        let read = |f: PathBuf| {
+            let text = std::fs::read_to_string(&f).expect("a page");
+            (f, text)
+        };
+        files.into_iter().map(read).collect()
+    }
+
+    /// What a shell makes of a line: its words, and where another command begins.
+    fn words(line: &str) -> Vec<Vec<String>> {
+        let mut out = vec![Vec::new()];
+        let (mut word, mut quote) = (None::<String>, None);
+        let end = |word: &mut Option<String>, out: &mut Vec<Vec<String>>| {
+            if let (Some(w), Some(last)) = (word.take(), out.last_mut()) {
+                last.push(w);
+            }
+        };
+        for c in line.chars() {
+            match (c, quote) {
+                (q @ ('"' | '\''), None) => {
+                    quote = Some(q);
+                    word.get_or_insert_default();
+                }
+                (q, Some(open)) if q == open => quote = None,
+                ('#', None) if word.is_none() => break,
+                ('|' | '&' | ';' | '>' | '<', None) => {
+                    end(&mut word, &mut out);
+                    out.push(Vec::new());
+                }
+                (c, None) if c.is_whitespace() => end(&mut word, &mut out),
+                (c, _) => word.get_or_insert_default().push(c),
+            }
+        }
+        end(&mut word, &mut out);
+        out
+    }
+
+    /// The program's arguments in every command of a page's `sh` blocks.
+    fn commands(page: &str) -> Vec<Vec<String>> {
+        let mut out = Vec::new();
+        for block in page.split("```").skip(1).step_by(2) {
+            let Some(block) = block.strip_prefix("sh\n") else {
+                continue;
+            };
+            for line in block.replace("\\\n", " ").lines() {
+                for command in words(line) {
+                    let is_program = |w: &str| w == "springtwin" || w.ends_with("/springtwin");
+                    let run = command
+                        .windows(2)
+                        .position(|w| w[0] == "run" && w[1] == "--");
+                    let cargo = run.filter(|_| command[0] == "cargo").map(|k| k + 2);
+                    // Variables of the environment come before it.
+                    let first = command.iter().position(|w| !w.contains('='));
+                    let from = first.filter(|k| is_program(&command[*k])).map(|k| k + 1);
+                    if let Some(from) = from.or(cargo) {
+                        out.push(command[from..].to_vec());
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn every_command_of_the_pages_is_one_that_the_program_takes() {
+        let (mut seen, mut wrong) = (0, Vec::new());
+        for (file, text) in pages() {
+            for args in commands(&text) {
+                // Words in the place of a value: a port, a number of many.
+                if args.iter().any(|a| a.contains("...") || a.starts_with('[')) {
+                    continue;
+                }
+                let name = ["springtwin".to_owned()];
+                let taken = Cli::try_parse_from(name.iter().chain(&args));
+                if let Err(e) = taken {
+                    use clap::error::ErrorKind::{DisplayHelp, DisplayVersion};
+                    if ![DisplayHelp, DisplayVersion].contains(&e.kind()) {
+                        let why = e.to_string();
+                        let why = why.lines().next().unwrap_or_default();
+                        wrong.push(format!("{}: {}: {why}", file.display(), args.join(" ")));
+                    }
+                }
+                seen += 1;
+            }
+        }
+        println!("{seen} commands");
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+        assert!(seen > 90, "{seen}");
+    }
+
+    fn options(command: &clap::Command, out: &mut BTreeSet<String>) {
+        out.extend(
+            command
+                .get_arguments()
+                .filter_map(|a| a.get_long().map(str::to_owned)),
+        );
+        command.get_subcommands().for_each(|c| options(c, out));
+    }
+
+    #[test]
+    fn every_option_of_the_pages_is_one_of_the_program() {
+        let mut known = BTreeSet::from(["help".to_owned(), "version".to_owned()]);
+        options(&Cli::command(), &mut known);
+        let mut wrong = Vec::new();
+        for (file, text) in pages() {
+            // Blocks are commands of their own, and of other programs.
+            let prose: String = text.split("```").step_by(2).collect();
+            let marked = prose.split('`').skip(1).step_by(2);
+            for span in marked.flat_map(|span| span.split_whitespace()) {
+                let Some(option) = span.strip_prefix("--") else {
+                    continue;
+                };
+                let end = option.find(|c: char| !c.is_ascii_alphanumeric() && c != '-');
+                let option = &option[..end.unwrap_or(option.len())];
+                let is_known =
+                    option.is_empty() || known.contains(option) || OTHERS.contains(&option);
+                if !is_known {
+                    wrong.push(format!("{}: --{option}", file.display()));
+                }
+            }
+        }
+        assert!(wrong.is_empty(), "no command has\n{}", wrong.join("\n"));
+    }
+}

@@ -89,7 +89,9 @@ pub fn compared(log: &SessionLog, estimated: &[Estimated]) -> Option<Comparison>
             ypr_from_rotation(&truth.rotation),
         );
         for i in 0..3 {
-            angle_deg[i].push((a[i] - b[i]).to_degrees().abs());
+            let turn = std::f64::consts::TAU;
+            let apart = (a[i] - b[i]).rem_euclid(turn);
+            angle_deg[i].push(apart.min(turn - apart).to_degrees());
         }
         // Share of coordinates within 1.00 and 1.96 predicted standard deviations.
         for i in 0..3 {
@@ -110,12 +112,16 @@ pub fn compared(log: &SessionLog, estimated: &[Estimated]) -> Option<Comparison>
 
 /// Every estimate, in mm and degrees.
 pub fn table(log: &SessionLog, estimated: &[Estimated]) -> Table {
-    let each = |what: &str| {
-        ["x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"].map(|name| format!("{what}_{name}"))
+    let each = |what: &str, angles: [&str; 3]| {
+        let names = ["x_mm", "y_mm", "z_mm"].into_iter().chain(angles);
+        names
+            .map(|name| format!("{what}_{name}"))
+            .collect::<Vec<_>>()
     };
     let names = ["t_s".to_owned()].into_iter();
     let names = names.chain(columns::pose_names());
-    let mut table = Table::new(names.chain(each("sd")).chain(each("residual")));
+    let names = names.chain(each("sd", ["yaw_deg", "pitch_deg", "roll_deg"]));
+    let mut table = Table::new(names.chain(each("residual", ["rx_deg", "ry_deg", "rz_deg"])));
     let shown = |v: [f64; 6]| -> [f64; 6] {
         std::array::from_fn(|i| if i < 3 { v[i] * 1e3 } else { v[i].to_degrees() })
     };

@@ -167,7 +167,12 @@ pub(super) fn applied(text: &str, patches: Vec<Patch>) -> Result<Vec<Applied>, R
             return bad("was made for another robot file");
         }
         let params = patch.effects.iter().flat_map(|e| e.params.values());
-        let mut numbers = patch.rig.values().copied().chain(params.map(|p| p.value));
+        let law = patch.law.iter().flat_map(|l| l.params.values());
+        let mut numbers = patch
+            .rig
+            .values()
+            .copied()
+            .chain(params.chain(law).map(|p| p.value));
         if !numbers.all(f64::is_finite) {
             return bad("holds a number that is not finite");
         }

@@ -280,6 +280,94 @@ fn every_picture_of_the_guide_is_made_by_a_command_and_shown() {
     }
 }
 
+/// The lines of a diff's hunks that are in the files before it, by file.
+fn before(diff: &str) -> Vec<(String, Vec<String>)> {
+    let mut out: Vec<(String, Vec<String>)> = Vec::new();
+    for line in diff.lines().filter(|l| !l.starts_with("+++ ")) {
+        if let Some(file) = line.strip_prefix("--- ") {
+            out.push((file.trim_start_matches("a/").to_owned(), Vec::new()));
+        } else if let Some((_, lines)) = out.last_mut()
+            && let Some(line) = line.strip_prefix([' ', '-'])
+        {
+            lines.push(line.to_owned());
+        }
+    }
+    out
+}
+
+#[test]
+fn worked_changes_are_about_the_tree_as_it_is() {
+    let page = read(&root().join("assets/guide/worked-changes.md"));
+    let fences = page.split("```").skip(1).step_by(2);
+    let diffs: Vec<&str> = fences.filter_map(|f| f.strip_prefix("diff\n")).collect();
+    assert_eq!(diffs.len(), 4);
+    let mut seen = 0;
+    for (file, lines) in diffs.iter().flat_map(|diff| before(diff)) {
+        if file == "/dev/null" {
+            continue;
+        }
+        let text = read(&root().join(&file));
+        let there: BTreeSet<&str> = text.lines().collect();
+        let gone: Vec<&String> = lines
+            .iter()
+            .filter(|l| !there.contains(l.as_str()))
+            .collect();
+        assert!(gone.is_empty(), "{file} has no such lines: {gone:#?}");
+        seen += lines.len();
+    }
+    assert!(seen > 100, "{seen} lines");
+}
+
+#[test]
+#[cfg(all(feature = "gui", feature = "rrd"))]
+fn pictures_of_screens_show_the_screens_as_they_are() {
+    let make = read(&root().join("assets/guide/make"));
+    let (_, part) = make.split_once("part_screens() {").expect("the part");
+    let (part, _) = part.split_once("\n}").expect("its end");
+    let folder = scratch("screens");
+    let mut seen = 0;
+    for line in part
+        .lines()
+        .filter_map(|l| l.trim().strip_prefix("screen "))
+    {
+        // Words in quotes are one argument.
+        let pieces = line.split('"').enumerate();
+        let words = pieces.flat_map(|(k, piece)| match k % 2 {
+            0 => piece.split_whitespace().collect(),
+            _ => vec![piece],
+        });
+        let words: Vec<&str> = words.collect();
+        let (screen, name) = (words[0], words[1]);
+        let file = folder.join(format!("{name}.png"));
+        let mut args = vec!["screenshot", screen, "--out", file.to_str().expect("UTF-8")];
+        args.extend(&words[2..]);
+        let out = springtwin(&args);
+        assert!(
+            out.status.success(),
+            "{args:?}: {}",
+            String::from_utf8_lossy(&out.stderr)
+        );
+        let open = |file: &Path| image::open(file).expect("a picture").to_rgb8();
+        let shown = open(&root().join(format!("assets/guide/pictures/{name}.png")));
+        let drawn = open(&file);
+        assert_eq!(shown.dimensions(), drawn.dimensions(), "{name}");
+        // Drivers differ in the last bits of a shade, and edges by a pixel.
+        let differs =
+            |a: &image::Rgb<u8>, b: &image::Rgb<u8>| (0..3).any(|i| a.0[i].abs_diff(b.0[i]) > 24);
+        let pixels = shown.pixels().zip(drawn.pixels());
+        let off = pixels.filter(|(a, b)| differs(a, b)).count();
+        let share = off as f64 / f64::from(shown.width() * shown.height());
+        println!("{name}: {:.2} % of the pixels differ", share * 100.0);
+        assert!(
+            share < 0.01,
+            "{name}.png is older than its screen ({:.1} % differ): make it again with assets/guide/make screens",
+            share * 100.0
+        );
+        seen += 1;
+    }
+    assert_eq!(seen, 5);
+}
+
 #[test]
 fn the_citation_names_this_version() {
     let text = read(&root().join("CITATION.cff"));

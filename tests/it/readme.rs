@@ -1,4 +1,4 @@
-//! The README's walk: its commands run in order, as written, and print what the README shows.
+//! The README's walk and the tutorial for a lab's own arm: their commands run in order, as written, and print what is shown.
 
 use std::path::Path;
 use std::process::Command;
@@ -6,7 +6,7 @@ use std::process::Command;
 use serde_json::Value;
 
 use crate::process::output;
-use crate::program::scratch;
+use crate::program::{scratch, springtwin};
 
 /// A fenced block between the walk's marks: commands, or what they print.
 struct Block {
@@ -14,9 +14,9 @@ struct Block {
     text: String,
 }
 
-/// The blocks of the walk, in order.
-fn walk(readme: &str) -> Vec<Block> {
-    let (_, rest) = readme.split_once("<!-- walk -->").expect("the walk begins");
+/// The blocks of a page's walk, in order.
+fn walk(page: &str) -> Vec<Block> {
+    let (_, rest) = page.split_once("<!-- walk -->").expect("the walk begins");
     let (walk, _) = rest.split_once("<!-- end of walk -->").expect("and ends");
     // Outside and inside of fences by turns.
     let fenced = walk.split("```").skip(1).step_by(2);
@@ -52,7 +52,16 @@ impl Figure {
         };
         self.decimals == printed.decimals && (self.value - printed.value).abs() <= tolerance
     }
+
+    /// Of something that was trained or fitted, on another computer: to a quarter, or two of the last digit.
+    fn is_like(self, printed: Self) -> bool {
+        let last_digit = 0.1f64.powi(self.decimals as i32);
+        (self.value - printed.value).abs() <= (0.25 * self.value).max(2.0 * last_digit)
+    }
 }
+
+/// Whether figures of a page are those that were printed.
+type Agree = fn(Figure, Figure) -> bool;
 
 /// A line's words, no space more than one, with a `#` for each number, and the numbers.
 fn read_line(line: &str) -> (String, Vec<Figure>) {
@@ -82,10 +91,27 @@ fn read_line(line: &str) -> (String, Vec<Figure>) {
 }
 
 /// Whether a line was printed as it is shown.
-fn is_as_shown(shown: &str, printed: &str) -> bool {
+fn is_as_shown(shown: &str, printed: &str, agree: Agree) -> bool {
     let ((words, figures), (their_words, theirs)) = (read_line(shown), read_line(printed));
     let mut pairs = figures.iter().zip(&theirs);
-    words == their_words && figures.len() == theirs.len() && pairs.all(|(a, b)| a.agrees(*b))
+    words == their_words && figures.len() == theirs.len() && pairs.all(|(a, b)| agree(*a, *b))
+}
+
+/// Runs the commands of a page in a folder, and holds what they print to what it shows.
+fn follow(page: &str, folder: &Path, agree: Agree) {
+    let mut out = String::new();
+    for block in walk(page) {
+        if block.is_commands {
+            out = run(&block.text, folder);
+            continue;
+        }
+        for line in block.text.lines() {
+            assert!(
+                line == "..." || out.lines().any(|printed| is_as_shown(line, printed, agree)),
+                "the page shows\n{line}\nbut it printed\n{out}"
+            );
+        }
+    }
 }
 
 #[test]
@@ -112,7 +138,11 @@ fn figures_are_held_to_what_the_readme_claims() {
         ("11.11 -> 0.07", "11.40 -> 0.07", false),
         ("reached 3", "missed 3", false),
     ] {
-        assert_eq!(is_as_shown(shown, printed), agree, "{shown} / {printed}");
+        assert_eq!(
+            is_as_shown(shown, printed, Figure::agrees),
+            agree,
+            "{shown} / {printed}"
+        );
     }
 }
 
@@ -124,6 +154,8 @@ fn run(commands: &str, folder: &Path) -> String {
     shell
         .args(["-e", "-c", commands])
         .env("PATH", format!("{folder_of_program}:{path}"))
+        .env("XDG_DATA_HOME", folder.join("home"))
+        .env("RIG", "sim")
         .current_dir(folder);
     let out = output(&mut shell);
     let said = String::from_utf8_lossy(&out.stdout).into_owned();
@@ -147,19 +179,7 @@ fn the_walk_of_the_readme_goes_as_it_says() {
         std::fs::copy(root.join(file), clone.join(file)).expect("a file of the walk");
     }
 
-    let mut said = String::new();
-    for block in walk(&readme) {
-        if block.is_commands {
-            said = run(&block.text, &clone);
-            continue;
-        }
-        for line in block.text.lines() {
-            assert!(
-                line == "..." || said.lines().any(|printed| is_as_shown(line, printed)),
-                "the README shows\n{line}\nbut it printed\n{said}"
-            );
-        }
-    }
+    follow(&readme, &clone, Figure::agrees);
 
     let file = |name: &str| clone.join("walk").join(name);
     let finding = std::fs::read(file("found/finding.json")).expect("the finding");
@@ -172,4 +192,62 @@ fn the_walk_of_the_readme_goes_as_it_says() {
     let arm = std::fs::read_to_string(file("arm.toml")).expect("the calibration");
     let curves = springtwin::sensing::Calibration::from_toml(&arm).expect("a calibration");
     assert_eq!(curves.springs.len(), 12);
+}
+
+/// What a file of JSON in a folder holds.
+fn json_of(file: &Path) -> Value {
+    let bytes = std::fs::read(file).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
+    serde_json::from_slice(&bytes).expect("JSON")
+}
+
+/// Errors of the tip that the tutorial shows before and after an arm was learned, mm.
+fn learned_mm(page: &str) -> [f64; 2] {
+    let line = page
+        .lines()
+        .find(|l| l.starts_with("learned from"))
+        .expect("the line");
+    let figures = read_line(line).1;
+    [figures[1].value, figures[2].value]
+}
+
+#[test]
+fn a_lab_brings_up_its_own_arm_as_the_tutorial_has_it() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/guide/bring-up.md");
+    let page = std::fs::read_to_string(page).expect("the tutorial");
+    let folder = scratch("bring-up");
+    follow(&page, &folder, Figure::is_like);
+
+    let finding = json_of(&folder.join("found/finding.json"));
+    assert_eq!(finding["verdict"], "named", "{finding}");
+    assert_eq!(finding["effects"][0]["id"], "payload");
+    assert_eq!(finding["effects"].as_array().map(Vec::len), Some(1));
+
+    // What was printed is within a quarter of what the page shows.
+    let [before, after] = learned_mm(&page);
+    assert!(
+        1.25 * after <= 0.9,
+        "{before} -> {after} mm, and a quarter more"
+    );
+
+    // Of two recordings one is held out, and of one alone nothing general is learned.
+    let path = |name: &str| folder.join(name).display().to_string();
+    let (arm, out) = (path("arm.toml"), path("few"));
+    let few = [path("learned/learn-1.rrd"), path("learned/learn-2.rrd")];
+    let args = [
+        "--robot",
+        &arm,
+        "learn",
+        "--dry-run",
+        "--out",
+        &out,
+        "--from",
+        &few[0],
+        &few[1],
+    ];
+    let refused = springtwin(&args);
+    let text = String::from_utf8_lossy(&refused.stderr);
+    assert!(
+        !refused.status.success() && text.contains("2 recordings are too few"),
+        "{text}"
+    );
 }

@@ -164,3 +164,20 @@ pub enum KeyAction {
     /// Show or hide the list of everything that can be done.
     Palette,
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn the_guide_has_every_key_and_no_other() {
+        let page = include_str!("../../../../assets/guide/window.md");
+        let rows = page.lines().filter_map(|l| l.strip_prefix("| `"));
+        let shown: BTreeSet<&str> = rows.filter_map(|l| Some(l.split_once('`')?.0)).collect();
+        let keys = SHORTCUTS.iter().flat_map(|(_, keys)| keys.iter());
+        let known: BTreeSet<&str> = keys.map(|(key, _)| *key).collect();
+        assert_eq!(shown, known);
+    }
+}
