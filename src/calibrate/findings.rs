@@ -100,7 +100,7 @@ pub fn findings(wizard: &Wizard, step: Step, snapshot: &Snapshot) -> Vec<Finding
         Step::Imus => (0..IMUS).map(|i| of_imu(wizard, i)).collect(),
         Step::Mocap => vec![of_mocap(wizard)],
         Step::Validate => vec![of_validation(wizard)],
-        Step::Save => Vec::new(),
+        Step::Save | Step::Learn => Vec::new(),
     }
 }
 

@@ -131,4 +131,5 @@ pub fn rest_and_motion(take: &mut ImusTake, to_rad: f64) {
         let turned = (lean(at - 0.5).inverse() * lean(at + 0.5)).scaled_axis();
         take.take_window(window(k, &lean(at), turned / WINDOW_S));
     }
+    take.wait();
 }

@@ -14,7 +14,7 @@ use super::steps::Step;
 use super::validation::{Comparison, Question};
 use super::wizard::Wizard;
 use super::{imus, preflight};
-use crate::drive::{Driver, ENDED, HELLO_S, Resets, Start};
+use crate::drive::{Driver, ENDED, HELLO_S, Resets, Start, give_way};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bench::BenchLog;
@@ -224,7 +224,9 @@ impl Headless {
                 None => Stage::Wait,
                 Some(answer) => self.take(answer, now),
             },
-            Stage::Judge(at) if now.since(at) >= 0.0 => self.judge(snapshot, turn),
+            Stage::Judge(at) if now.since(at) >= 0.0 && !self.wizard.imus.running() => {
+                self.judge(snapshot, turn)
+            }
             Stage::Confirm(at) if now.since(at) >= 0.0 => match &self.wizard.refused {
                 Some(refusal) => Stage::Over(Err(format!(
                     "The twin refused the calibration: {}",
@@ -284,7 +286,7 @@ impl Headless {
                 self.wizard.begin_trial();
                 motion::held_out()
             }
-            Step::Save => return Stage::Over(Ok(())),
+            Step::Save | Step::Learn => return Stage::Over(Ok(())),
         };
         match plan {
             Some(plan) => set_out(plan, snapshot, turn),
@@ -320,7 +322,9 @@ impl Headless {
                 self.stop_capture(&format!("No rest: {why}"), now)
             }
             imus::Phase::Rest(..) => Stage::Rest(plan, since),
-            imus::Phase::Motion | imus::Phase::Idle => set_out(plan, snapshot, turn),
+            imus::Phase::Motion | imus::Phase::Fit | imus::Phase::Idle => {
+                set_out(plan, snapshot, turn)
+            }
         }
     }
 
@@ -484,6 +488,9 @@ pub fn run(
             Some(Err(TryRecvError::Empty)) | None => {}
         }
         let turn = headless.tick(snapshot, events, ready.take());
+        if clock == Clock::Lockstep {
+            headless.wizard.imus.wait();
+        }
         commands.extend(turn.commands);
         if let Some(attempt) = &turn.attempt {
             report(attempt);
@@ -515,6 +522,7 @@ fn on_a_thread(answerer: &Answerer, ask: Ask) -> std::io::Result<Receiver<Answer
     let (tx, answer) = sync_channel(1);
     let answerer = Arc::clone(answerer);
     let work = move || {
+        give_way();
         // The wizard may be over by then.
         let _ = tx.try_send(answerer(ask));
     };

@@ -1,9 +1,11 @@
 //! IMUs: their zeros at rest, then their errors and the base's tilt while the arm moves slowly.
 
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 
 use nalgebra::UnitQuaternion;
 
+use crate::drive::give_way;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::calibration::SpringCalibration;
@@ -78,6 +80,8 @@ pub enum Phase {
     Rest(f64, Option<String>),
     /// The arm has to move slowly to all sides.
     Motion,
+    /// What was captured is being judged.
+    Fit,
 }
 
 /// A capture in progress.
@@ -101,14 +105,43 @@ pub struct ImusTake {
     /// Per IMU, 1 to 4.
     pub imus: [ImuTake; IMUS],
     running: Option<Box<Running>>,
+    /// Where the fit of an ended capture arrives: it takes longer than a tick.
+    fitting: Option<Receiver<Fit>>,
     base_tilt_rad: [f64; 2],
     open: Vec<String>,
 }
 
 impl ImusTake {
-    /// Whether a capture is in progress.
+    /// Whether a capture is in progress, or what it captured is being judged.
     pub fn running(&self) -> bool {
-        self.running.is_some()
+        self.running.is_some() || self.fitting.is_some()
+    }
+
+    /// Takes the verdicts if they are there.
+    pub fn poll(&mut self) {
+        match self.fitting.as_ref().map(Receiver::try_recv) {
+            None | Some(Err(TryRecvError::Empty)) => {}
+            Some(Ok(fit)) => self.take_fit(fit),
+            Some(Err(TryRecvError::Disconnected)) => self.give_up("the fit ended without a result"),
+        }
+    }
+
+    /// Waits for the verdicts, if there will be any.
+    pub fn wait(&mut self) {
+        match self.fitting.as_ref().map(Receiver::recv) {
+            None => {}
+            Some(Ok(fit)) => self.take_fit(fit),
+            Some(Err(_)) => self.give_up("the fit ended without a result"),
+        }
+    }
+
+    /// No verdict on what was captured: `why`.
+    fn give_up(&mut self, why: &str) {
+        self.fitting = None;
+        for take in self.imus.iter_mut().filter(|t| t.open) {
+            take.open = false;
+            take.verdict = Some(Err(why.to_owned()));
+        }
     }
 
     /// Tilt of the base that belongs to the IMUs that passed: level from base = exp((x, y, 0)), a rotation vector in rad.
@@ -149,6 +182,7 @@ impl ImusTake {
     /// Where the capture stands.
     pub fn phase(&self) -> Phase {
         match self.running.as_ref().map(|r| (&r.rest, r.recent.len())) {
+            None if self.fitting.is_some() => Phase::Fit,
             None => Phase::Idle,
             Some((Ok(_), _)) => Phase::Motion,
             Some((Err(RestError::TooShort { .. }), windows)) => {
@@ -158,20 +192,15 @@ impl ImusTake {
         }
     }
 
-    /// Ends the capture and judges the samples.
+    /// Ends the capture and has the samples judged: see [`Self::poll`].
     pub fn finish(&mut self) {
         let Some(running) = self.running.take() else {
             return;
         };
+        let running = *running;
         let rest = match running.rest {
             Ok(rest) => rest,
-            Err(why) => {
-                for take in self.imus.iter_mut().filter(|t| t.open) {
-                    take.open = false;
-                    take.verdict = Some(Err(format!("no rest: {why}")));
-                }
-                return;
-            }
+            Err(why) => return self.give_up(&format!("no rest: {why}")),
         };
         // Those that passed before take part again: they share the base's tilt.
         let takes_part = |t: &ImuTake| {
@@ -181,18 +210,30 @@ impl ImusTake {
         let captures = self
             .imus
             .each_ref()
-            .map(|t| takes_part(t).then_some(&t.capture));
+            .map(|t| takes_part(t).then(|| t.capture.clone()));
         let start = Start {
             gyro_bias_rad_s: rest.gyro_bias_rad_s,
             base_tilt_rad: running.base_tilt_rad,
             springs_out: running.windows.springs_out(),
             ends_sigma_m: running.ends_sigma_m,
         };
-        let fit = imu_fit::fit(&running.robot, &captures, &start);
-        self.take_fit(fit);
+        let robot = running.robot;
+        let (tx, fit) = sync_channel(1);
+        let work = move || {
+            give_way();
+            let captures = captures.each_ref().map(Option::as_ref);
+            // The capture may have been discarded by then.
+            let _ = tx.try_send(imu_fit::fit(&robot, &captures, &start));
+        };
+        self.fitting = Some(fit);
+        let thread = std::thread::Builder::new().name("calibration".to_owned());
+        if let Err(e) = thread.spawn(work) {
+            self.give_up(&format!("cannot start a thread: {e}"));
+        }
     }
 
     fn take_fit(&mut self, fit: Fit) {
+        self.fitting = None;
         self.base_tilt_rad = fit.base_tilt_rad;
         self.open = fit.open();
         for (take, found) in self.imus.iter_mut().zip(fit.imus) {
@@ -274,6 +315,8 @@ mod tests {
         rest_and_motion(&mut take, 0.5);
         assert_eq!(take.phase(), Phase::Motion);
         take.finish();
+        assert_eq!(take.phase(), Phase::Fit);
+        take.wait();
         let Verdict::Redo(why) = take.imus[1].verdict() else {
             panic!("{:?}", take.imus[1].verdict());
         };

@@ -16,17 +16,20 @@ pub enum Step {
     Validate,
     /// Save the calibration as a version.
     Save,
+    /// Networks and calibration learn the arm from motion under motion capture.
+    Learn,
 }
 
 impl Step {
     /// All steps, in order.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Preflight,
         Self::Springs,
         Self::Imus,
         Self::Mocap,
         Self::Validate,
         Self::Save,
+        Self::Learn,
     ];
 
     /// Name on screen.
@@ -38,6 +41,7 @@ impl Step {
             Self::Mocap => "Vicon",
             Self::Validate => "Validate",
             Self::Save => "Save",
+            Self::Learn => "Learn",
         }
     }
 

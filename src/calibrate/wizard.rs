@@ -109,6 +109,7 @@ impl Wizard {
 
     /// Processes a live snapshot. While the link is down nothing is captured and nothing is lost.
     pub fn observe(&mut self, snapshot: &Snapshot, robot: &RobotSpec) {
+        self.imus.poll();
         if !snapshot.link.connected || self.last.is_some_and(|t| snapshot.stamp <= t) {
             return;
         }
@@ -429,7 +430,7 @@ impl Wizard {
             Step::Validate if self.recording => {
                 Err("Motion is being recorded: wait for it.".into())
             }
-            Step::Preflight | Step::Validate | Step::Save => Ok(()),
+            Step::Preflight | Step::Validate | Step::Save | Step::Learn => Ok(()),
         }
     }
 
@@ -492,7 +493,7 @@ impl Wizard {
                 Some(j) if j.good() => Mark::Pass,
                 Some(_) => Mark::Redo,
             },
-            Step::Save => Mark::Kept,
+            Step::Save | Step::Learn => Mark::Kept,
         }
     }
 

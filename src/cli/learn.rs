@@ -12,7 +12,7 @@ use super::drive::rounds::{Round, RoundArgs};
 use super::outputs::Overwrite;
 use super::train::NETWORKS;
 use super::{Report, args, user};
-use springtwin::calibrate::{NewVersion, Store};
+use springtwin::calibrate::Store;
 use springtwin::drive::{Instruments, is_virtual, model};
 use springtwin::lab::learning::{self, Arm, Learned};
 use springtwin::recording::{write_bytes, write_text};
@@ -73,7 +73,7 @@ pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
     write_text(&a.out.join(CALIBRATION), &learned.calibration.to_toml()?)?;
     let version = match &store {
         Some(store) if learned.better() && !a.dry_run => {
-            Some(store.save(version(&instruments, &learned)?, &now())?)
+            Some(store.save(learned.version(instruments.registration()?), &now())?)
         }
         _ => None,
     };
@@ -117,28 +117,6 @@ fn drive(
     Ok(recordings)
 }
 
-/// The calibration with what was learned of it, and the networks.
-fn version(instruments: &Instruments, learned: &Learned) -> Result<NewVersion> {
-    Ok(NewVersion {
-        note: format!("networks learned this arm: {}", errors(learned)),
-        calibration: learned.calibration.clone(),
-        registration: instruments.registration()?,
-        networks: Some(learned.networks.clone()),
-    })
-}
-
-fn errors(learned: &Learned) -> String {
-    let (before, after) = (learned.before, learned.after);
-    format!(
-        "{:.2} -> {:.2} mm and {:.2} -> {:.2} deg on {} samples of a recording that was held out",
-        before.translation_mm,
-        after.translation_mm,
-        before.rotation_deg,
-        after.rotation_deg,
-        learned.samples[1]
-    )
-}
-
 fn report(
     learned: &Learned,
     out: &Path,
@@ -152,7 +130,7 @@ fn report(
         "learned from {} samples{}: {}",
         learned.samples[0],
         if simulated { " (simulated rig)" } else { "" },
-        errors(learned)
+        learned.errors()
     );
     text += &match groups.is_empty() {
         true => "\ncalibration: as it was".to_owned(),

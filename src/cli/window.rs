@@ -1,6 +1,7 @@
 //! The window, and pictures of its screens without one.
 
 mod calibrate;
+mod conduct;
 mod device;
 mod dialog;
 mod export;

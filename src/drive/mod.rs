@@ -33,3 +33,12 @@ pub use tasks::{
     BASKET_M, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures, Shape, fruit, longest_s,
     objects, of_pick_place,
 };
+
+/// This thread, and those that it starts, leave the processor to the control loop and the link where there are too few for
+/// all; elsewhere than on Linux they do not.
+pub fn give_way() {
+    #[cfg(target_os = "linux")]
+    if let Err(e) = rustix::process::setpriority_process(None, 10) {
+        log::debug!("long work runs with the priority of all threads: {e}");
+    }
+}

@@ -2,6 +2,7 @@
 //! does no input or output and starts no thread.
 
 pub mod calibrate;
+pub mod conduct;
 pub mod gap;
 
 use core::net::SocketAddr;

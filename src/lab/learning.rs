@@ -12,11 +12,13 @@ use super::self_calibration::recorded_take;
 use super::session::{Drive, Excitation};
 use super::threads;
 use super::units::session_recipe;
+use crate::calibrate::NewVersion;
 use crate::drive::model::trained_for_another;
 use crate::learn::{Model, Recipe, Watch, adapt, pose_residual, train, with_guesses};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bundle::{Group, adjust};
+use crate::sensing::registration::Registration;
 use crate::signal::Dataset;
 use crate::sim::dataset::{Draw, Plan, generate};
 use crate::twin::Maps;
@@ -94,6 +96,29 @@ impl Learned {
     /// Whether the new networks find the tip better.
     pub fn better(&self) -> bool {
         self.after.translation_mm < self.before.translation_mm
+    }
+
+    /// The errors before and after, for people.
+    pub fn errors(&self) -> String {
+        let (before, after) = (self.before, self.after);
+        format!(
+            "{:.2} -> {:.2} mm and {:.2} -> {:.2} deg on {} samples of a recording that was held out",
+            before.translation_mm,
+            after.translation_mm,
+            before.rotation_deg,
+            after.rotation_deg,
+            self.samples[1]
+        )
+    }
+
+    /// A version of the arm's calibration with the networks, and with the registration of motion capture in use.
+    pub fn version(&self, registration: Option<Registration>) -> NewVersion {
+        NewVersion {
+            note: format!("networks learned this arm: {}", self.errors()),
+            calibration: self.calibration.clone(),
+            registration,
+            networks: Some(self.networks.clone()),
+        }
     }
 }
 

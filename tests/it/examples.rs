@@ -5,6 +5,8 @@ use std::path::Path;
 
 #[path = "../../examples/closed_loop.rs"]
 mod closed_loop;
+#[path = "../../examples/estimate_pose.rs"]
+mod estimate_pose;
 #[path = "../../examples/fit_springs.rs"]
 mod fit_springs;
 #[path = "../../examples/new_effect.rs"]
@@ -25,6 +27,16 @@ fn a_load_stretches_the_arm() {
     };
     let sag_m = z_m(0.0) - z_m(0.2);
     assert!((1e-4..2e-3).contains(&sag_m), "{sag_m}");
+}
+
+#[test]
+fn the_networks_find_the_tip_of_the_model_that_they_learned() {
+    estimate_pose::main().expect("a pose");
+    let (pose, estimate, sd_m) = estimate_pose::estimated([10e3; 6]).expect("a pose");
+    let off_m = (pose.translation.vector - estimate.translation.vector).norm();
+    println!("{:.3} mm off, standard deviations {sd_m:?} m", off_m * 1e3);
+    assert!(off_m < 2e-3, "{off_m}");
+    assert!(sd_m.iter().all(|sd| (1e-4..0.01).contains(sd)), "{sd_m:?}");
 }
 
 #[test]

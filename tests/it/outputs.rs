@@ -5,7 +5,8 @@ use std::collections::BTreeSet;
 use crate::program::{json, refusal, scratch};
 
 /// Every command that writes, with the arguments that it needs, and a file that it would write under `OUT`.
-const WRITERS: [(&str, &str, &str); 40] = [
+const WRITERS: &[(&str, &str, &str)] = &[
+    ("rig measure", "--out OUT/arm.toml", "arm.toml"),
     ("learn", "--out OUT", "reference.safetensors"),
     (
         "dataset generate",

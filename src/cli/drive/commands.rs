@@ -355,6 +355,7 @@ impl ExciteArgs {
 
 /// `excite`.
 pub fn excite(a: &ExciteArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
+    a.common.check_outputs()?;
     let programme = a.programme(robot)?;
     let (name, takes_s) = (programme.name.clone(), programme.seconds);
     crate::cli::stdio::complain(&format!("'{name}' takes {:.1} min", takes_s / 60.0));

@@ -1,16 +1,21 @@
 //! Jobs of the Calibrate screen: the virtual rig's bench, logs, comparisons, saved versions.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context as _;
 
+use super::conduct::{Ask, free_folder};
 use super::later::later;
 use crate::cli::calibrate::now;
 use springtwin::calibrate::{Comparison, Question, Store, bench, sentence};
-use springtwin::drive::read_bench;
-use springtwin::gui::services::Worker;
-use springtwin::gui::services::calibrate::{Bench, CalibrationServices};
+use springtwin::drive::{give_way, model, read_bench};
+use springtwin::gui::services::calibrate::{Bench, CalibrationServices, Learnt};
+use springtwin::gui::services::conduct::{Conducted, Wanted};
+use springtwin::gui::services::{Job, Worker};
+use springtwin::lab::learning::{self, Arm};
+use springtwin::learn;
 use springtwin::rig::Unit;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Calibration;
@@ -43,6 +48,8 @@ pub struct Setting {
     pub store: Option<Store>,
     /// The virtual rig, if there is one.
     pub unit: Option<Unit>,
+    /// File of the networks in use; `None`: those that ship.
+    pub networks: Option<PathBuf>,
 }
 
 /// The services of the Calibrate screen.
@@ -54,7 +61,17 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
         registration,
         store,
         unit,
+        networks,
     } = setting;
+    let learner = Learner {
+        robot: robot.clone(),
+        maps: maps.clone(),
+        networks,
+        store: store.clone(),
+        registration: registration.clone(),
+        simulated: unit.is_some(),
+    };
+    let for_learn = ctx.clone();
     let folder = store
         .as_ref()
         .map_or_else(PathBuf::new, |s| s.folder().to_owned());
@@ -120,6 +137,112 @@ pub fn services(ctx: &egui::Context, setting: Setting) -> CalibrationServices {
                 run().map_err(sentence)
             })
         }),
+        learn: Box::new(move |minutes, in_use| learner.begin(&for_learn, minutes, in_use)),
         folder,
     }
+}
+
+/// What learning needs to know of the arm.
+#[derive(Clone)]
+struct Learner {
+    robot: RobotSpec,
+    maps: Maps,
+    networks: Option<PathBuf>,
+    store: Option<Store>,
+    registration: Option<Registration>,
+    simulated: bool,
+}
+
+impl Learner {
+    fn begin(
+        &self,
+        ctx: &egui::Context,
+        minutes: f64,
+        in_use: Arc<Calibration>,
+    ) -> (Job<Learnt>, Conducted) {
+        let Some(store) = self.store.clone() else {
+            let why = "There is no folder for the user's data: set HOME.".to_owned();
+            return (Job::ready(Err(why)), Conducted::by_nobody());
+        };
+        let folder = free_folder(&store.folder().join("learned"));
+        let (ask, conducted) = Ask::new(recording(&folder, 0));
+        let (learner, repaint) = (self.clone(), ctx.clone());
+        let job = later(ctx, "learning", move |worker| {
+            give_way();
+            let run = learner.run(minutes, &in_use, (&folder, &store), &ask, worker, &repaint);
+            run.map_err(sentence)
+        });
+        (job, conducted)
+    }
+
+    fn run(
+        &self,
+        minutes: f64,
+        in_use: &Calibration,
+        (folder, store): (&Path, &Store),
+        ask: &Ask,
+        worker: &Worker<Learnt>,
+        ctx: &egui::Context,
+    ) -> anyhow::Result<Learnt> {
+        const STOPPED: &str = "learning was stopped; its recordings are kept";
+        let base = model::model(self.networks.as_deref())?;
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        let all = learning::excitations(&self.robot, minutes, 1);
+        let mut recordings = Vec::new();
+        for (k, excitation) in all.iter().enumerate() {
+            let programme = excitation.programme();
+            let why = format!("'{}', {} of {}", programme.name, k + 1, all.len());
+            worker.tell(&why, Some(k as f32 / all.len() as f32));
+            let record = recording(folder, k);
+            let wanted = Wanted {
+                programme: programme.clone(),
+                why,
+                record: record.clone(),
+            };
+            anyhow::ensure!(ask.drive(wanted, worker, ctx)?, STOPPED);
+            // Without motion capture the others would be driven for nothing.
+            learning::check(&record)?;
+            recordings.push(record);
+        }
+        worker.tell("Adjusting the calibration", None);
+        let arm = Arm {
+            robot: &self.robot,
+            calibration: in_use,
+            in_use: &self.maps,
+            base: &base,
+        };
+        let mut watch = |p: learn::Progress| {
+            let share = p.epoch as f32 / p.epochs.max(1) as f32;
+            worker.tell("Training the networks", Some(share));
+            match worker.cancelled() {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            }
+        };
+        let learned = arm.learn(&recordings, &mut watch)?;
+        anyhow::ensure!(!worker.cancelled(), STOPPED);
+        let (saved, versions) = match learned.better() {
+            true => {
+                let version = learned.version(self.registration.clone());
+                (Some(store.save(version, &now())?), Some(store.versions()?))
+            }
+            false => (None, None),
+        };
+        let [before, after] = [learned.before, learned.after];
+        Ok(Learnt {
+            position_mm: [before.translation_mm, after.translation_mm],
+            rotation_deg: [before.rotation_deg, after.rotation_deg],
+            samples: learned.samples,
+            adjusted: learned.adjusted.iter().map(|g| g.name()).collect(),
+            trained: learned.trained,
+            saved,
+            versions,
+            simulated: self.simulated,
+        })
+    }
+}
+
+fn recording(folder: &Path, number: usize) -> PathBuf {
+    folder.join(format!("learn-{}.rrd", number + 1))
 }

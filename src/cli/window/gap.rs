@@ -11,9 +11,10 @@ use std::time::Duration;
 
 use anyhow::{Context as _, Result};
 
-use super::later::{give_way, later};
+use super::later::later;
 use crate::cli::signals::taken_by_child;
 use crate::cli::{read_text, sentence, user};
+use springtwin::drive::give_way;
 use springtwin::gap::report::Origin;
 use springtwin::gap::score::Key;
 use springtwin::gap::{

@@ -2,15 +2,6 @@
 
 use springtwin::gui::services::{Job, Worker};
 
-/// This thread, and those that it starts, leave the processor to the control loop and the link where there are too few for
-/// all; elsewhere than on Linux they do not.
-pub fn give_way() {
-    #[cfg(target_os = "linux")]
-    if let Err(e) = rustix::process::setpriority_process(None, 10) {
-        log::debug!("long work runs with the priority of all threads: {e}");
-    }
-}
-
 /// Runs `work` on a thread of its own; the window is repainted when the result is there.
 pub fn later<T: Send + 'static>(
     ctx: &egui::Context,

@@ -172,6 +172,7 @@ impl Rigs {
             registration: registration.clone(),
             store,
             unit: is_virtual(rig).then_some(self.options.unit),
+            networks: instruments.networks,
         };
         Ok((setting, registration))
     }

@@ -194,7 +194,7 @@ pub struct GapState {
     said: Option<String>,
     locate: locate::LocateState,
     asked_for_patches: bool,
-    conduct: Option<experiment::Conduct>,
+    conduct: Option<super::conduct::Conduct>,
     // The last minutes are becoming a recording, which comes from there.
     keeping_last: Pending<PathBuf, Origin>,
     // Why an effect is to be muted, as it is typed.

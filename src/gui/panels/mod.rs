@@ -4,6 +4,7 @@
 pub mod accuracy;
 pub mod calibrate;
 pub mod chambers;
+pub mod conduct;
 pub mod connect;
 pub mod dashboard;
 pub mod files;

@@ -27,8 +27,13 @@ impl Screen for CalibrateState {
         Self::observe(self, snapshot, robot);
     }
 
-    fn follow(&mut self, _live: &Snapshot, events: &[Event]) {
+    fn poll(&mut self, ctx: &mut Ctx<'_>) {
+        self.learning.poll(&ctx.live, ctx.commands);
+    }
+
+    fn follow(&mut self, live: &Snapshot, events: &[Event]) {
         events.iter().for_each(|event| self.hear(event));
+        self.learning.follow(live, events);
     }
 
     fn reconnect(&mut self) {

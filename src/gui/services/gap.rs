@@ -2,14 +2,13 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
+use super::conduct::Conducted;
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
 use crate::gap::{Found, GapError, Patch};
 use crate::gui::job::Job;
 use crate::robot::RobotSpec;
-use crate::task::Programme;
 
 /// Whether a session is of the robot in use.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -109,27 +108,6 @@ pub type PageOpener = Box<dyn FnMut(&Path) -> Job<()>>;
 /// Puts a patch on a robot file.
 pub type Patcher = Box<dyn FnMut(&Patch) -> Job<PatchedRobot>>;
 
-/// An excitation that an experiment asks for.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Wanted {
-    /// The pressures to set.
-    pub programme: Programme,
-    /// Why: one sentence.
-    pub why: String,
-    /// Where to record it.
-    pub record: PathBuf,
-}
-
-/// The window's end of an experiment.
-pub struct Conducted {
-    /// What is to be driven next.
-    pub wanted: Receiver<Wanted>,
-    /// Takes whether it was driven and recorded, or why not.
-    pub driven: SyncSender<Result<(), String>>,
-    /// Where the first excitation will be recorded.
-    pub first: PathBuf,
-}
-
 /// Begins an experiment with the baseline in a file and a declared load, kg. The job is as that of [`Find`].
 pub type Experimenter =
     Box<dyn FnMut(&Path, f64) -> (Job<Result<Arc<Found>, GapError>>, Conducted)>;
@@ -171,14 +149,7 @@ impl GapServices {
             look: Box::new(move |_| Job::ready(Err(no("read sessions")))),
             find: Box::new(move |_, _| Job::ready(Err(no("read sessions")))),
             experiment: Box::new(move |_, _| {
-                let ((_, wanted), (driven, _)) = (sync_channel(1), sync_channel(1));
-                let first = PathBuf::new();
-                let link = Conducted {
-                    wanted,
-                    driven,
-                    first,
-                };
-                (Job::ready(Err(no("drive an arm"))), link)
+                (Job::ready(Err(no("drive an arm"))), Conducted::by_nobody())
             }),
             baseline: Box::new(|| Job::ready(Ok(None))),
             commission: Box::new(move |_| Job::ready(Err(no("keep baselines")))),

@@ -2,16 +2,16 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::time::Duration;
 
 use anyhow::{Context as _, Result};
 
 use super::{Answer, Watched, said};
 use crate::cli::args::commissioned;
-use crate::cli::window::later::{give_way, later};
+use crate::cli::window::conduct::{Ask, free_folder};
+use crate::cli::window::later::later;
+use springtwin::drive::give_way;
 use springtwin::gap::{GapError, Grid};
-use springtwin::gui::services::gap::{Conducted, Wanted};
+use springtwin::gui::services::conduct::{Conducted, Wanted};
 use springtwin::gui::services::{Job, Worker};
 use springtwin::lab::experiment::{Experiment, Strategy};
 use springtwin::lab::gap_files::read_session;
@@ -21,8 +21,6 @@ use springtwin::sim::effects;
 
 /// Longest time of all excitations together, s.
 const SECONDS: f64 = 600.0;
-/// How often it is looked whether the experiment was cancelled.
-const LOOK: Duration = Duration::from_millis(100);
 
 /// Begins one.
 pub fn begin(
@@ -32,15 +30,12 @@ pub fn begin(
     baseline: &Path,
     payload_kg: f64,
 ) -> (Job<Answer>, Conducted) {
-    let (wants, wanted) = sync_channel(1);
-    let (driven, answers) = sync_channel(1);
     let folder = free_folder(&data.join("experiments"));
-    let first = round_file(&folder, 0);
+    let (link, conducted) = Ask::new(round_file(&folder, 0));
     let baseline = baseline.to_owned();
     let repaint = ctx.clone();
     let job = later(ctx, "experiment", move |worker| {
         give_way();
-        let link = (wants, answers);
         let run = || {
             conduct(
                 &robot,
@@ -60,21 +55,7 @@ pub fn begin(
             },
         }
     });
-    let link = Conducted {
-        wanted,
-        driven,
-        first,
-    };
-    (job, link)
-}
-
-/// The first folder of a number that is not there yet.
-fn free_folder(parent: &Path) -> PathBuf {
-    let numbers = 1..=u32::MAX;
-    let mut folders = numbers.map(|n| parent.join(n.to_string()));
-    folders
-        .find(|f| !f.exists())
-        .unwrap_or_else(|| parent.to_owned())
+    (job, conducted)
 }
 
 fn round_file(folder: &Path, round: usize) -> PathBuf {
@@ -85,7 +66,7 @@ fn conduct(
     robot: &RobotSpec,
     folder: &Path,
     (baseline, payload_kg): (&Path, f64),
-    (wants, answers): &(SyncSender<Wanted>, Receiver<Result<(), String>>),
+    link: &Ask,
     worker: &Worker<Answer>,
     ctx: &egui::Context,
 ) -> Result<Answer> {
@@ -106,15 +87,8 @@ fn conduct(
             why: reason.borrow().clone(),
             record: record.clone(),
         };
-        wants.send(wanted).context("the window has gone")?;
-        ctx.request_repaint();
-        loop {
-            match answers.recv_timeout(LOOK) {
-                Ok(Ok(())) => break,
-                Ok(Err(why)) => anyhow::bail!("{why}"),
-                Err(RecvTimeoutError::Timeout) if !worker.cancelled() => {}
-                Err(_) => return Err(GapError::Stopped.into()),
-            }
+        if !link.drive(wanted, worker, ctx)? {
+            return Err(GapError::Stopped.into());
         }
         worker.tell("Reading what was measured", None);
         Ok(Grid::new(read_session(&record)?)?)

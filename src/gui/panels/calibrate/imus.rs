@@ -78,7 +78,11 @@ fn controls(
     if wizard.imus.running() {
         let hover = "Judge what has been captured so far";
         let finish = Button::new("■ Finish capture").min_size(wide);
-        if gated(ui, &Ok(()), finish, hover).clicked() {
+        let judged = match wizard.imus.phase() {
+            Phase::Fit => Err("What was captured is being judged.".to_owned()),
+            _ => Ok(()),
+        };
+        if gated(ui, &judged, finish, hover).clicked() {
             wizard.imus.finish();
         }
         match wizard.imus.phase() {
@@ -90,6 +94,10 @@ fn controls(
             Phase::Motion => note(
                 ui,
                 "◌ Gyros zeroed. Move the arm: it ends by itself when every IMU is done.",
+            ),
+            Phase::Fit => note(
+                ui,
+                "◌ Mountings and tilt are computed from what was captured.",
             ),
             Phase::Idle => note(ui, "◌ Waiting for frames."),
         };
@@ -115,7 +123,7 @@ fn controls(
         Phase::Rest(..) => {
             note(ui, "◌ The arm rests first.");
         }
-        Phase::Idle | Phase::Motion => {
+        Phase::Idle | Phase::Motion | Phase::Fit => {
             motion::button(ui, live, label, plan, &mut state.hold, commands);
         }
     }

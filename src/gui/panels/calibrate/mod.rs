@@ -4,6 +4,7 @@
 //! back the calibration from before.
 
 mod imus;
+mod learn;
 mod motion;
 mod preflight;
 mod save;
@@ -67,6 +68,8 @@ pub struct CalibrateState {
     comparing: Pending<Comparison, std::sync::Arc<crate::sensing::Calibration>>,
     listing: Pending<Vec<Version>>,
     changing: Pending<Vec<Version>, Change>,
+    /// What networks learn of the arm.
+    pub learning: learn::Learning,
 }
 
 impl CalibrateState {
@@ -113,10 +116,12 @@ impl CalibrateState {
             || self.comparing.is_busy()
             || self.listing.is_busy()
             || self.changing.is_busy()
+            || self.learning.is_busy()
     }
 
     /// Takes what has come.
     fn poll(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
+        self.poll_learning();
         let Some(wizard) = &mut self.wizard else {
             return;
         };
@@ -207,7 +212,7 @@ pub fn ui(
     let Some(mut wizard) = state.wizard.take() else {
         return;
     };
-    stepper(ui, live, &mut wizard, commands);
+    stepper(ui, live, &mut wizard, state, commands);
     notices(ui, live, &mut wizard, state, commands);
     footer(ui, live, &mut wizard, state, commands);
     ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
@@ -219,12 +224,19 @@ pub fn ui(
             Step::Mocap => vicon::ui(ui, live, w, state, commands),
             Step::Validate => validate::ui(ui, live, w, state, services, commands),
             Step::Save => save::ui(ui, live, w, state, services),
+            Step::Learn => learn::ui(ui, live, w, state, services, commands),
         }
     });
     state.wizard = Some(wizard);
 }
 
-fn stepper(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, commands: &mut Vec<Command>) {
+fn stepper(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &mut Wizard,
+    state: &CalibrateState,
+    commands: &mut Vec<Command>,
+) {
     let p = *Palette::in_ui(ui);
     let gap = ui.spacing().item_spacing.x;
     let n = Step::ALL.len() as f32;
@@ -238,7 +250,8 @@ fn stepper(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, commands: &mut Vec
                 _ => p.weak,
             };
             let word = match (step, mark) {
-                (Step::Save, _) => String::new(),
+                (Step::Learn, _) if state.learning.is_busy() => "◌ under way".into(),
+                (Step::Save | Step::Learn, _) => String::new(),
                 (Step::Validate, Mark::Kept) => "○ not yet".into(),
                 _ => format!("{} {}", glyph(mark), mark.word()),
             };

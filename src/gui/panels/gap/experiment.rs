@@ -1,132 +1,19 @@
 //! The finder drives the arm: what it wants is shown, begins with the operator's consent, is recorded, and ends with STOP and HOLD
 //! like everything else.
 
-use egui::{RichText, Ui, vec2};
+use egui::{RichText, Ui};
 
 use super::{GapState, Trouble};
 use crate::gap::report::Origin;
-use crate::gui::panels::operating::ends_recording;
+use crate::gui::panels::conduct::{Conduct, Consent, conduct_gate};
 use crate::gui::panels::recordings::keep_gate;
-use crate::gui::panels::target::{Fire, HoldToGo, arm_simulated};
 use crate::gui::panels::widgets::{Gate, gated, note, number, status};
 use crate::gui::services::Services;
-use crate::gui::services::gap::{Conducted, Pair, Wanted};
+use crate::gui::services::gap::Pair;
 use crate::gui::theme::Level;
 use crate::gui::view::View;
-use crate::signal::{Mode, Snapshot, capitalised};
-use crate::task::Plan;
+use crate::signal::{Snapshot, capitalised};
 use crate::twin::{Command, Event};
-
-/// What an experiment under way waits for.
-enum Awaits {
-    /// The finder.
-    Finder,
-    /// The operator, before this is driven.
-    Consent(Wanted),
-    /// The end of an excitation of this name, which has begun or not.
-    End { name: String, has_begun: bool },
-    /// The end of its recording.
-    Recording,
-}
-
-/// An experiment under way.
-pub struct Conduct {
-    link: Conducted,
-    awaits: Awaits,
-    hold: HoldToGo,
-    /// The excitations so far, with the reason for each.
-    pub driven: Vec<String>,
-}
-
-const PROCEED: Fire = Fire {
-    now: "▶ Drive it",
-    hold: "▶ Hold to drive it",
-    hover: "Drives this excitation and records it; STOP and HOLD end it",
-};
-
-impl Conduct {
-    fn of(link: Conducted) -> Self {
-        Self {
-            link,
-            awaits: Awaits::Finder,
-            hold: HoldToGo::default(),
-            driven: Vec::new(),
-        }
-    }
-
-    /// Whether the arm is being driven for it.
-    fn drives(&self) -> bool {
-        matches!(self.awaits, Awaits::End { .. } | Awaits::Recording)
-    }
-
-    /// Answers the finder.
-    fn answer(&mut self, answer: Result<(), String>) {
-        self.awaits = Awaits::Finder;
-        // The finder may have ended.
-        let _ = self.link.driven.try_send(answer);
-    }
-
-    /// Takes what the finder wants; on the virtual rig it begins by itself.
-    fn poll(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
-        if let (Awaits::Finder, Ok(wanted)) = (&self.awaits, self.link.wanted.try_recv()) {
-            self.driven.push(wanted.why.clone());
-            self.awaits = Awaits::Consent(wanted);
-            if !view.snapshot.link.moves_hardware() {
-                self.begin(view, commands);
-            }
-        }
-    }
-
-    fn begin(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
-        if let Awaits::Consent(wanted) = std::mem::replace(&mut self.awaits, Awaits::Finder) {
-            arm_simulated(view, commands);
-            commands.push(Command::StartRecording(wanted.record));
-            commands.push(Command::Note(wanted.why));
-            let name = wanted.programme.name.clone();
-            commands.push(Command::Start(Plan::excite(wanted.programme)));
-            self.awaits = Awaits::End {
-                name,
-                has_begun: false,
-            };
-        }
-    }
-
-    /// Follows the arm; gives whether the recording is to be closed now.
-    fn follow(&mut self, live: &Snapshot, events: &[Event]) -> bool {
-        let Awaits::End { name, has_begun } = &mut self.awaits else {
-            let is_closed = live.recording.is_none() && events.iter().any(ends_recording);
-            if matches!(self.awaits, Awaits::Recording) && is_closed {
-                self.answer(Ok(()));
-            }
-            return false;
-        };
-        let finished = events
-            .iter()
-            .any(|e| matches!(e, Event::Finished { name: n, .. } if n == name));
-        if finished {
-            self.awaits = Awaits::Recording;
-            return true;
-        }
-        *has_begun |= live.mode == Mode::Moving;
-        let refused = events.iter().find_map(|e| match e {
-            Event::Refused { reason, .. } => Some(reason.clone()),
-            Event::RecordingFailed { reason, .. } => Some(format!("It was not recorded: {reason}")),
-            _ => None,
-        });
-        let ended = match &live.mode {
-            Mode::Safe(reason) => Some(format!("The arm went SAFE: {reason}.")),
-            Mode::Hold | Mode::Disarmed if *has_begun => Some("The arm was held.".to_owned()),
-            _ => refused,
-        };
-        match ended {
-            Some(why) => {
-                self.answer(Err(why));
-                true
-            }
-            None => false,
-        }
-    }
-}
 
 /// How much of the rolling recording is checked, s.
 const CHECKED_S: f64 = 120.0;
@@ -184,20 +71,8 @@ impl GapState {
 
     /// Whether the finder may drive the arm, or why not.
     pub fn experiment_gate(&self, live: &View<'_>) -> Gate {
-        let s = live.snapshot;
         self.kept_gate()?;
-        if !s.link.connected {
-            return Err("Not connected: there is no arm to drive.".into());
-        }
-        if s.recording.is_some() {
-            return Err("A recording is running: stop it first.".into());
-        }
-        match &s.mode {
-            Mode::Safe(_) => Err("SAFE: remove the cause, then press Reset.".into()),
-            Mode::Moving => Err("The arm moves: hold it first.".into()),
-            Mode::Disarmed if s.link.moves_hardware() => Err("Disarmed: arm the rig first.".into()),
-            _ => Ok(()),
-        }
+        conduct_gate(live)
     }
 
     /// Lets the finder drive the arm.
@@ -216,7 +91,7 @@ impl GapState {
             };
             self.step = super::Step::Select;
             self.trouble = None;
-            self.conduct = Some(Conduct::of(link));
+            self.conduct = Some(Conduct::new(link, Consent::Each));
             self.running.begin_for(search, job);
         }
     }
@@ -258,25 +133,9 @@ fn origin(live: &View<'_>) -> Origin {
 
 /// What the finder wants to drive, and the operator's consent to it.
 pub fn under_way(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &mut Vec<Command>) {
-    let Some(conduct) = &mut state.conduct else {
-        return;
-    };
-    ui.label(RichText::new("The finder drives the arm").strong());
-    for (k, why) in conduct.driven.iter().enumerate() {
-        note(ui, format!("{}. {why}", k + 1));
-    }
-    match &conduct.awaits {
-        Awaits::Finder => {}
-        Awaits::Consent(_) => {
-            let mut hold = std::mem::take(&mut conduct.hold);
-            if hold.button(ui, live, &Ok(()), &PROCEED, vec2(160.0, 32.0)) {
-                conduct.begin(live, commands);
-            }
-            conduct.hold = hold;
-        }
-        Awaits::End { .. } | Awaits::Recording => {
-            note(ui, "The arm is being driven; STOP and HOLD end it.");
-        }
+    if let Some(conduct) = &mut state.conduct {
+        ui.label(RichText::new("The finder drives the arm").strong());
+        conduct.ui(ui, live, commands);
     }
 }
 

@@ -9,8 +9,8 @@ use crate::gui::panels::connect::VIRTUAL;
 use crate::gui::panels::welcome;
 use crate::gui::panels::widgets::age;
 use crate::gui::theme::Palette;
-use crate::signal::{BOARDS, LinkStatus, Mode, Snapshot};
-use crate::twin::Command;
+use crate::signal::{Alarm, AlarmCause, BOARDS, LinkStatus, Mode, Severity, Snapshot};
+use crate::twin::{AlarmHelp, Command, explain_alarm};
 
 /// Height of the line, points.
 pub const LINE: f32 = 34.0;
@@ -31,6 +31,8 @@ struct Banner {
     waits: bool,
     /// Label, tooltip, what it does.
     button: Option<(&'static str, &'static str, Press)>,
+    /// What follows and what to check; of none but SAFE.
+    help: Option<AlarmHelp>,
 }
 
 /// The line: what keeps the arm from moving, and that a recording is shown; else the welcome, else what is
@@ -94,7 +96,14 @@ fn one(ui: &mut Ui, rect: Rect, banner: Banner) -> Option<Press> {
         if banner.waits {
             ui.spinner();
         }
-        ui.add(Label::new(RichText::new(&banner.text).color(banner.color)).truncate());
+        let label = Label::new(RichText::new(&banner.text).color(banner.color)).truncate();
+        let label = ui.add(label);
+        if let Some(help) = banner.help {
+            label.on_hover_text(format!(
+                "{}\n\n{} {}\n\nMore: springtwin alarms {}",
+                banner.text, help.follows, help.check, help.id
+            ));
+        }
     });
     pressed
 }
@@ -135,48 +144,56 @@ fn present(ui: &Ui, input: &ShellInput<'_>) -> Vec<Banner> {
     let p = *Palette::in_ui(ui);
     let s = input.live.snapshot;
     let mut all = Vec::new();
-    let mut say = |fill, color, text: String, waits, button| {
-        all.push(Banner {
-            fill,
-            color,
-            text,
-            waits,
-            button,
-        });
+    let banner = |fill, color, text: String, waits, button| Banner {
+        fill,
+        color,
+        text,
+        waits,
+        button,
+        help: None,
     };
     if input.twin_gone {
         let text = "⊗ The twin has stopped: nothing is controlled. Restart the program.";
-        say(p.critical_fill, p.on_critical, text.into(), false, None);
+        all.push(banner(
+            p.critical_fill,
+            p.on_critical,
+            text.into(),
+            false,
+            None,
+        ));
     }
     if let Some(silent_s) = input.silent_s {
         let text = format!(
             "⊗ Control silent for {silent_s:.1} s: what is shown is old. STOP still reaches the boards, which stop by themselves."
         );
-        say(p.critical_fill, p.on_critical, text, false, None);
+        all.push(banner(p.critical_fill, p.on_critical, text, false, None));
     }
     if let Mode::Safe(reason) = &s.mode {
         let hover = "Leave SAFE. The arm stays disarmed until the next Go.";
         let button = ("Reset", hover, Press::Twin(Command::Reset));
         let text = format!("⊗ SAFE, {}: {reason}", pumps(&s.link));
-        say(p.critical_fill, p.on_critical, text, false, Some(button));
+        all.push(Banner {
+            help: safe_help(s),
+            ..banner(p.critical_fill, p.on_critical, text, false, Some(button))
+        });
     }
     let known = input.twin || !s.link.source.is_empty();
     if !s.link.connected && !input.twin_gone && known {
-        say(p.warning_fill, p.text, disconnected(s), false, None);
+        all.push(banner(p.warning_fill, p.text, disconnected(s), false, None));
     }
     if !known && input.joining.is_none() && input.replay.is_none() {
         let hover = "An emulated arm: nothing can break";
         let start = Press::Window(ShellAction::Connect(VIRTUAL[0].0));
         let button = ("Start the virtual rig", hover, start);
         let text = "Nothing is connected. A click on OFFLINE lists the boards.";
-        say(p.raised, p.text, text.into(), false, Some(button));
+        all.push(banner(p.raised, p.text, text.into(), false, Some(button)));
     }
     if let Some(name) = input.joining {
         let hover = "Stay without boards; nothing moves";
         let cancel = Press::Window(ShellAction::CancelConnecting);
         let button = ("Cancel connecting", hover, cancel);
         let text = format!("Connecting to {name}…");
-        say(p.selected, p.text, text, true, Some(button));
+        all.push(banner(p.selected, p.text, text, true, Some(button)));
     }
     if let Some(title) = input.replay {
         let hover = "Show the live twin again";
@@ -186,9 +203,18 @@ fn present(ui: &Ui, input: &ShellInput<'_>) -> Vec<Banner> {
             Press::Window(ShellAction::CloseReplay),
         );
         let text = format!("▶ Replay: {title}");
-        say(p.selected, p.text, text, false, Some(button));
+        all.push(banner(p.selected, p.text, text, false, Some(button)));
     }
     all
+}
+
+/// What led to SAFE, where an alarm states it, else SAFE itself: what follows and what to check.
+fn safe_help(s: &Snapshot) -> Option<AlarmHelp> {
+    let is_safe = |a: &&Alarm| matches!(a.cause, AlarmCause::Safe { .. });
+    let critical = |a: &&Alarm| a.severity == Severity::Critical;
+    let mut others = s.alarms.iter().filter(|a| !is_safe(a)).filter(critical);
+    let alarm = others.next().or_else(|| s.alarms.iter().find(is_safe));
+    alarm.map(|a| explain_alarm(&a.cause))
 }
 
 /// The message while no frames come: cause, consequence, what happens next.

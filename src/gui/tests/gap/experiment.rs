@@ -3,7 +3,7 @@
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use super::*;
-use crate::gui::services::gap::{Conducted, Wanted};
+use crate::gui::services::conduct::{Conducted, Wanted};
 use crate::task::{Leg, Plan, Programme};
 
 /// The finder's end of an experiment.

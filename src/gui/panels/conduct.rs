@@ -1,0 +1,174 @@
+//! Work that drives the arm with the window: what it wants is shown, begins with the operator's consent, is recorded, and ends with
+//! STOP and HOLD like everything else.
+
+use egui::{Ui, vec2};
+
+use super::operating::ends_recording;
+use super::target::{Fire, HoldToGo, arm_simulated};
+use super::widgets::{Gate, note};
+use crate::gui::services::conduct::{Conducted, Wanted};
+use crate::gui::view::View;
+use crate::signal::{Mode, Snapshot};
+use crate::task::Plan;
+use crate::twin::{Command, Event};
+
+/// What work under way waits for.
+enum Awaits {
+    /// The work itself.
+    Work,
+    /// The operator, before this is driven.
+    Consent(Wanted),
+    /// The end of an excitation of this name, which has begun or not.
+    End { name: String, has_begun: bool },
+    /// The end of its recording.
+    Recording,
+}
+
+/// How often the operator of hardware is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Consent {
+    /// Before every excitation: what comes next depends on those before.
+    Each,
+    /// Before the first one: all of them are known.
+    Once,
+}
+
+/// Work under way that drives the arm.
+pub struct Conduct {
+    link: Conducted,
+    consent: Consent,
+    awaits: Awaits,
+    hold: HoldToGo,
+    /// The excitations so far, with the reason for each.
+    pub driven: Vec<String>,
+}
+
+const PROCEED: Fire = Fire {
+    now: "▶ Drive it",
+    hold: "▶ Hold to drive it",
+    hover: "Drives this excitation and records it; STOP and HOLD end it",
+};
+
+impl Conduct {
+    /// Of work that has begun.
+    pub fn new(link: Conducted, consent: Consent) -> Self {
+        Self {
+            link,
+            consent,
+            awaits: Awaits::Work,
+            hold: HoldToGo::default(),
+            driven: Vec::new(),
+        }
+    }
+
+    /// Whether the arm is being driven for it.
+    pub fn drives(&self) -> bool {
+        matches!(self.awaits, Awaits::End { .. } | Awaits::Recording)
+    }
+
+    /// Answers the work.
+    fn answer(&mut self, answer: Result<(), String>) {
+        self.awaits = Awaits::Work;
+        // It may have ended.
+        let _ = self.link.driven.try_send(answer);
+    }
+
+    /// Takes what is wanted; on the virtual rig, or with consent, it begins by itself.
+    pub fn poll(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
+        if let (Awaits::Work, Ok(wanted)) = (&self.awaits, self.link.wanted.try_recv()) {
+            self.driven.push(wanted.why.clone());
+            self.awaits = Awaits::Consent(wanted);
+            let is_agreed = self.consent == Consent::Once && self.driven.len() > 1;
+            if is_agreed || !view.snapshot.link.moves_hardware() {
+                self.begin(view, commands);
+            }
+        }
+    }
+
+    fn begin(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
+        if let Awaits::Consent(wanted) = std::mem::replace(&mut self.awaits, Awaits::Work) {
+            arm_simulated(view, commands);
+            commands.push(Command::StartRecording(wanted.record));
+            commands.push(Command::Note(wanted.why));
+            let name = wanted.programme.name.clone();
+            commands.push(Command::Start(Plan::excite(wanted.programme)));
+            self.awaits = Awaits::End {
+                name,
+                has_begun: false,
+            };
+        }
+    }
+
+    /// Follows the arm; gives whether the recording is to be closed now.
+    pub fn follow(&mut self, live: &Snapshot, events: &[Event]) -> bool {
+        let Awaits::End { name, has_begun } = &mut self.awaits else {
+            let is_closed = live.recording.is_none() && events.iter().any(ends_recording);
+            if matches!(self.awaits, Awaits::Recording) && is_closed {
+                self.answer(Ok(()));
+            }
+            return false;
+        };
+        let finished = events
+            .iter()
+            .any(|e| matches!(e, Event::Finished { name: n, .. } if n == name));
+        if finished {
+            self.awaits = Awaits::Recording;
+            return true;
+        }
+        *has_begun |= live.mode == Mode::Moving;
+        let refused = events.iter().find_map(|e| match e {
+            Event::Refused { reason, .. } => Some(reason.clone()),
+            Event::RecordingFailed { reason, .. } => Some(format!("It was not recorded: {reason}")),
+            _ => None,
+        });
+        let ended = match &live.mode {
+            Mode::Safe(reason) => Some(format!("The arm went SAFE: {reason}.")),
+            Mode::Hold | Mode::Disarmed if *has_begun => Some("The arm was held.".to_owned()),
+            _ => refused,
+        };
+        match ended {
+            Some(why) => {
+                self.answer(Err(why));
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// What was driven so far, and the operator's consent to what is next.
+    pub fn ui(&mut self, ui: &mut Ui, live: &View<'_>, commands: &mut Vec<Command>) {
+        for (k, why) in self.driven.iter().enumerate() {
+            note(ui, format!("{}. {why}", k + 1));
+        }
+        match &self.awaits {
+            Awaits::Work => {}
+            Awaits::Consent(_) => {
+                let mut hold = std::mem::take(&mut self.hold);
+                if hold.button(ui, live, &Ok(()), &PROCEED, vec2(160.0, 32.0)) {
+                    self.begin(live, commands);
+                }
+                self.hold = hold;
+            }
+            Awaits::End { .. } | Awaits::Recording => {
+                note(ui, "The arm is being driven; STOP and HOLD end it.");
+            }
+        }
+    }
+}
+
+/// Whether the arm may be driven and recorded for such work, or why not.
+pub fn conduct_gate(live: &View<'_>) -> Gate {
+    let s = live.snapshot;
+    if !s.link.connected {
+        return Err("Not connected: there is no arm to drive.".into());
+    }
+    if s.recording.is_some() {
+        return Err("A recording is running: stop it first.".into());
+    }
+    match &s.mode {
+        Mode::Safe(_) => Err("SAFE: remove the cause, then press Reset.".into()),
+        Mode::Moving => Err("The arm moves: hold it first.".into()),
+        Mode::Disarmed if s.link.moves_hardware() => Err("Disarmed: arm the rig first.".into()),
+        _ => Ok(()),
+    }
+}
