@@ -388,6 +388,7 @@ fn a_viewer_that_comes_back_gets_the_stream_again() {
         (19, 1),
         "Rerun viewer killed, and started again",
         "control unaffected; bounded queue, counted drops; retry 1 Hz",
+        &[],
         &format!(
             "of {ticks} ticks' snapshots {} sent, {} dropped and counted, no other; streaming again once it listens",
             status.sent, status.dropped

@@ -70,6 +70,7 @@ fn the_hosts_wall_clock_has_no_effect() {
         (6, 2),
         "host's wall clock jumps by 3 days, or back by one, at every look",
         "no effect",
+        &[],
         &format!(
             "24 s on the way to a target, {} frames: the report is the same byte for byte",
             v["frames"]
@@ -99,6 +100,7 @@ fn the_second_program_on_a_port_is_refused_with_the_owners_name() {
         (22, 1),
         "two programs on one port",
         "the second is refused with the owner's name where the system reports it",
+        &[],
         "refused with name and process of the owner; the first goes on",
     );
 }
@@ -148,6 +150,7 @@ mod window {
             (20, 1),
             "no graphics driver",
             "headless is offered",
+            &[],
             "window and picture: one sentence that names `run --headless`, `doctor` or the driver, exit code 1; `doctor` reports it",
         );
     }
@@ -170,6 +173,7 @@ mod window {
             (20, 2),
             "graphics device lost while the window runs",
             "falls back to software or headless; the arm can be stopped",
+            &[],
             "the window paints on a new device, the arm's view included, and a click on STOP arrives",
         );
     }
@@ -218,6 +222,7 @@ mod window {
             (21, 1),
             "window scale changes",
             "STOP stays visible and clickable",
+            &[],
             &format!(
                 "whole, and {clicks} of 12 clicks on it arrive: scale 0.5 to 4, windows of 900 x 560 to 180 x 112 points"
             ),

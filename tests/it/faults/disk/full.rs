@@ -86,7 +86,7 @@ impl SmallDisk {
 #[derive(Default)]
 struct Run {
     ticks: u64,
-    warnings: usize,
+    warned_s: Vec<f64>,
     failed: Vec<(f64, String)>,
     refused: Vec<String>,
     /// Whether the arm moved after the recording had failed.
@@ -115,7 +115,9 @@ fn record_and_move(path: &Path) -> Run {
         let (mode, events) = tick(&mut runner, n, &std::mem::take(&mut commands));
         for event in events {
             match event {
-                Event::Warning { text, .. } if text.contains("1 GiB") => run.warnings += 1,
+                Event::Warning { text, .. } if text.contains("1 GiB") => {
+                    run.warned_s.push(n as f64 * TICK_S);
+                }
                 Event::RecordingFailed { reason, .. } => {
                     run.failed.push((n as f64 * TICK_S, reason));
                 }
@@ -165,7 +167,8 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
         reason.contains("full.rrd") && reason.contains("No space left"),
         "{reason}"
     );
-    assert_eq!(run.warnings, 1, "low space is reported once");
+    let is_early = matches!(&run.warned_s[..], [warned_s] if warned_s < failed_s);
+    assert!(is_early, "low space is reported once: {:?}", run.warned_s);
     let read = read_rrd(&file).expect("it opens");
     let recorded = read.trace.snapshots.len();
     assert!(!read.complete && recorded > 100, "{recorded} snapshots");
@@ -177,12 +180,14 @@ fn a_full_disk_ends_the_recording_and_nothing_else() {
         (13, 1),
         fault,
         "warn below 1 GiB",
+        &[],
         "reported once, before it is full",
     );
     row(
         (13, 2),
         fault,
         "recording stops cleanly",
+        &[],
         &format!(
             "reported once; opens to its last whole record ({recorded} snapshots); other files as they were; the arm goes \
              to its next targets"
@@ -238,6 +243,7 @@ fn a_disk_that_takes_nothing_delays_no_tick() {
         (13, 3),
         "disk takes nothing while recording",
         "control unchanged",
+        &[],
         &format!("{ticks} of {TICKS} ticks ran meanwhile"),
     );
     go_on.send(()).expect("the ticks have ended");

@@ -21,7 +21,7 @@ use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, RawFrame, Stamp};
 use springtwin::twin::TICK_S;
 
-use crate::faults::row;
+use crate::faults::{Bound, row};
 use crate::lockstep::{World, runner};
 use crate::process::{Running, program, until};
 use crate::program::{json, scratch};
@@ -235,6 +235,7 @@ fn a_program_that_is_killed_leaves_whole_records_of_what_the_rig_said() {
         (14, 2),
         "SIGKILL while recording",
         "the file opens to its last whole record",
+        &[],
         &format!("all {}, every record as the rig sent it", snapshots.len()),
     );
 }
@@ -258,7 +259,6 @@ fn a_recording_holds_all_but_its_last_second_at_every_moment() {
         std::fs::copy(&file, &copy).expect("a copy");
         let until = read_rrd(&copy).expect("it opens").recovered_until;
         let lost_s = now.since(until.expect("records"));
-        assert!(lost_s <= 1.0, "{lost_s} s of {} s", now.seconds());
         worst_s = worst_s.max(lost_s);
         looks += 1;
     }
@@ -267,6 +267,7 @@ fn a_recording_holds_all_but_its_last_second_at_every_moment() {
         (14, 1),
         "SIGKILL while recording",
         "<= 1 s lost",
-        &format!("{worst_s:.2} s at most, looked at {looks} moments of a recording"),
+        &[Bound::time("lost at most", worst_s, 1.0)],
+        &format!("looked at {looks} moments of a recording"),
     );
 }

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::faults::row;
+use crate::faults::{Bound, row};
 use crate::program::{json, refusal};
 
 #[test]
@@ -18,7 +18,6 @@ fn a_soak_keeps_its_bounds() {
     ]);
     let number = |key: &str| v[key].as_f64().unwrap_or(f64::NAN);
     assert_eq!(number("ticks"), 72_001.0, "{v}");
-    assert_eq!((number("panics"), number("violations")), (0.0, 0.0), "{v}");
     assert!(
         number("goals_reached") >= 1.0 && number("recordings") >= 1.0,
         "{v}"
@@ -33,9 +32,13 @@ fn a_soak_keeps_its_bounds() {
         (23, 1),
         "24 h soak (time-accelerated); here 0.2 h",
         "0 panics; constant handles",
+        &[
+            Bound::count("panics", number("panics"), 0.0),
+            Bound::count("violations", number("violations"), 0.0),
+        ],
         &format!(
-            "{} panics, {} violations, {} handles throughout, {all} faults, {} times SAFE",
-            v["panics"], v["violations"], v["handles"]["last"], v["safe"]
+            "{} handles throughout, {all} faults, {} times SAFE",
+            v["handles"]["last"], v["safe"]
         ),
     );
 }
