@@ -167,6 +167,8 @@ impl ImusTake {
             };
         }
         let patched = Patched::new(robot, base);
+        // A fit that is still under way belongs to the capture before.
+        self.fitting = None;
         self.running = Some(Box::new(Running {
             windows: Windows::new(&patched.geometry, &patched.calibration),
             robot: robot.clone(),

@@ -17,8 +17,8 @@ use springtwin::lab::gap_files::read_baseline;
 pub use springtwin::lab::ranges::{payload_in_range, pressures_in_range};
 use springtwin::link::wire::fault;
 use springtwin::link::{fault_names, fault_of_name};
-use springtwin::rig::Obstacle;
 use springtwin::rig::hidden::Hidden;
+use springtwin::rig::{Obstacle, Unit};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, CHAMBERS, ControllerKind};
 use springtwin::task::Item;
@@ -64,8 +64,8 @@ impl RollingArgs {
 /// What belongs to a rig besides its boards.
 #[derive(Args, Clone, Debug, Default)]
 pub struct InstrumentArgs {
-    /// Calibration of springs and IMUs, from `calibrate springs` and `calibrate imus`; without it the version of this arm that was
-    /// saved last or restored since, with its networks and registration, else the virtual rig's
+    /// Calibration of springs and IMUs, from `calibrate springs` and `calibrate imus`; without it the saved version of this arm that
+    /// is in use, with its networks and registration; on the virtual rig its own, unless the robot file was measured on it
     #[arg(long, value_name = "F.toml")]
     calibration: Option<PathBuf>,
     /// Networks from `train`; those that ship for such a rig without it
@@ -94,8 +94,17 @@ pub struct InstrumentArgs {
 }
 
 impl InstrumentArgs {
-    /// Those that were named for an arm; without a calibration among them, those of its saved version that is in use.
+    /// Those for driving an arm: without a calibration among the named ones, those of its saved version that is in use. On the
+    /// virtual rig a command depends on the files that are named alone, unless the robot file was measured on it.
     pub fn of_arm(&self, robot: &RobotSpec, rig: &str) -> Instruments {
+        match is_virtual(rig) && robot.virtual_unit.is_none() {
+            true => self.plain(),
+            false => self.with_saved(robot, rig),
+        }
+    }
+
+    /// Those that were named; without a calibration among them, those of the saved version that is in use.
+    pub fn with_saved(&self, robot: &RobotSpec, rig: &str) -> Instruments {
         let (named, simulated) = (self.plain(), is_virtual(rig));
         let Some(data) = user::data_folder() else {
             return named;
@@ -245,6 +254,20 @@ pub fn cause(text: &str) -> Result<u16, String> {
 /// What `--reset` lets go, with the causes that were named.
 pub fn resets(named: Option<&[u16]>) -> Resets {
     named.map_or_else(Resets::default, Resets::usual_and)
+}
+
+/// The unit of the virtual rig that a command moves: that of a robot file that was measured on one, else the one that was given.
+///
+/// # Errors
+/// When the file and the option name different ones.
+pub fn unit_of(robot: &RobotSpec, given: u64) -> anyhow::Result<Unit> {
+    match robot.virtual_unit {
+        None => Ok(Unit(given)),
+        Some(own) if own == given || Unit(given) == Unit::default() => Ok(Unit(own)),
+        Some(own) => anyhow::bail!(
+            "the robot file was measured on unit {own} of the virtual rig: leave --unit out, or leave --robot out for unit {given}"
+        ),
+    }
 }
 
 /// Refuses to hide effects in boards that are not the virtual rig's.

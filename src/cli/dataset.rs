@@ -140,7 +140,7 @@ pub fn run(command: &DatasetCommand, robot: &RobotSpec, quiet: bool) -> Result<R
             overwrite,
         } => {
             overwrite.file(out)?;
-            let samples = dataset::session(robot, Unit(*unit), *seconds, out)?;
+            let samples = dataset::session(robot, args::unit_of(robot, *unit)?, *seconds, out)?;
             Ok(Report {
                 text: format!(
                     "{samples} samples of a session of the virtual rig's unit {unit} to {}",
@@ -209,7 +209,7 @@ fn generate(a: &GenerateArgs, robot: &RobotSpec, quiet: bool) -> Result<Report> 
     let options = Options {
         source: a.simulator.into(),
         plan,
-        unit: Unit(a.unit),
+        unit: args::unit_of(robot, a.unit)?,
         shard: a.shard,
         out: a.out.clone(),
     };

@@ -2,6 +2,8 @@
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context as _, Result};
 use clap::Args;
@@ -15,15 +17,16 @@ use super::{Report, args, user};
 use springtwin::calibrate::Store;
 use springtwin::drive::{Instruments, is_virtual, model};
 use springtwin::lab::learning::{self, Arm, Learned};
-use springtwin::recording::{write_bytes, write_text};
+use springtwin::recording::{RecordingFile, part_of, write_bytes, write_text};
+use springtwin::rig::Unit;
 use springtwin::robot::RobotSpec;
 use springtwin::twin::Maps;
 
 #[derive(Args)]
 pub struct LearnArgs {
-    /// Recordings with motion capture that are there already, read by the calibration in use: nothing is driven, and the last one
-    /// is held out
-    #[arg(long = "from", value_name = "F.rrd", num_args = 1.., conflicts_with_all = ["minutes", "rig"])]
+    /// Recordings with motion capture that are there already, of the rig that --rig names, read by the calibration in use: nothing is
+    /// driven, and the last one is held out
+    #[arg(long = "from", value_name = "F.rrd", num_args = 1.., conflicts_with = "minutes")]
     recordings: Vec<PathBuf>,
     /// Time of all excitations together, a minute each, min
     #[arg(long, value_name = "MIN", default_value = "10", value_parser = args::not_negative)]
@@ -46,20 +49,35 @@ const CALIBRATION: &str = "calibration.toml";
 /// `learn`.
 pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     a.rounds.check(robot)?;
-    a.overwrite.files(&a.out, &[NETWORKS, CALIBRATION])?;
+    let mut files = vec![NETWORKS.to_owned(), CALIBRATION.to_owned()];
+    if a.recordings.is_empty() {
+        let all = learning::excitations(robot, a.minutes, a.rounds.seed);
+        files.extend((0..all.len()).map(recording));
+    }
+    a.overwrite.files(&a.out, &files)?;
+    a.recordings
+        .iter()
+        .try_for_each(|file| of_this_rig(a, file))?;
     let simulated = is_virtual(&a.rounds.rig);
     let store = user::data_folder().map(|data| Store::of(robot, simulated, &data));
     anyhow::ensure!(
         store.is_some() || a.dry_run,
         "there is no folder for the user's data: set HOME, or use --dry-run"
     );
-    let instruments = a.rounds.instruments.of_arm(robot, &a.rounds.rig);
+    anyhow::ensure!(
+        a.dry_run || !simulated || a.rounds.is_usual_unit(robot),
+        "what another unit of the virtual rig teaches is not saved, since the window moves unit {}: give --dry-run, or a robot file \
+         of `rig measure`",
+        Unit::default().0
+    );
+    let instruments = a.rounds.instruments.with_saved(robot, &a.rounds.rig);
     let in_use = model::maps_for(robot, &a.rounds.rig, instruments.networks.as_deref())?;
     let base = model::model(instruments.networks.as_deref())?;
     std::fs::create_dir_all(&a.out)
         .with_context(|| format!("cannot make the folder {}", a.out.display()))?;
+    let ends = super::signals::asked_to_end()?;
     let recordings = match a.recordings.is_empty() {
-        true => drive(a, (robot_file, robot), &instruments, &in_use)?,
+        true => drive(a, (robot_file, robot), &instruments, &in_use, &ends)?,
         false => a.recordings.clone(),
     };
     let arm = Arm {
@@ -68,7 +86,14 @@ pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         in_use: &in_use,
         base: &base,
     };
-    let learned = arm.learn(&recordings, &mut |_| ControlFlow::Continue(()))?;
+    let learned = arm.learn(&recordings, &mut |_| match ends.load(Ordering::Relaxed) {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    })?;
+    anyhow::ensure!(
+        !ends.load(Ordering::Relaxed),
+        "learning was ended: nothing was saved, and its recordings are kept"
+    );
     write_bytes(&a.out.join(NETWORKS), &learned.networks)?;
     write_text(&a.out.join(CALIBRATION), &learned.calibration.to_toml()?)?;
     let version = match &store {
@@ -77,7 +102,40 @@ pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         }
         _ => None,
     };
-    Ok(report(&learned, &a.out, version, simulated, a.dry_run))
+    let by_itself = !simulated || robot.virtual_unit.is_some();
+    Ok(report(
+        &learned,
+        &a.out,
+        version,
+        (simulated, by_itself),
+        a.dry_run,
+    ))
+}
+
+/// The recording of an excitation, from 0.
+fn recording(number: usize) -> String {
+    format!("learn-{}.rrd", number + 1)
+}
+
+/// Refuses a recording of a simulated arm for hardware, and the other way round: what it teaches is kept with the calibration of
+/// one of them.
+fn of_this_rig(a: &LearnArgs, file: &Path) -> Result<()> {
+    let (path, _) = part_of(file)?;
+    let recorded = RecordingFile::open(&path)?.meta().simulated;
+    let rig = &a.rounds.rig;
+    let accepts = a.rounds.instruments.plain().accept_simulated_boards;
+    match recorded {
+        Some(false) if is_virtual(rig) => anyhow::bail!(
+            "{} is of hardware: name its port with --rig, so that the calibration of that arm is used",
+            file.display()
+        ),
+        Some(true) if !is_virtual(rig) && !accepts => anyhow::bail!(
+            "{} is of a simulated arm, which teaches nothing of the one at {rig}: leave --rig out, or give \
+             --accept-simulated-boards where simulated boards are at a port",
+            file.display()
+        ),
+        _ => Ok(()),
+    }
 }
 
 /// Drives all excitations; their recordings.
@@ -86,6 +144,7 @@ fn drive(
     of: (Option<&Path>, &RobotSpec),
     instruments: &Instruments,
     in_use: &Maps,
+    ends: &Arc<AtomicBool>,
 ) -> Result<Vec<PathBuf>> {
     let all = learning::excitations(of.1, a.minutes, a.rounds.seed);
     let seconds: f64 = all.iter().map(|d| d.programme().seconds).sum();
@@ -95,10 +154,9 @@ fn drive(
         seconds / 60.0
     );
     a.rounds.permitted(&next, "learning")?;
-    let ends = super::signals::asked_to_end()?;
     let mut recordings = Vec::new();
     for (number, excitation) in all.iter().enumerate() {
-        let record = a.out.join(format!("learn-{}.rrd", number + 1));
+        let record = a.out.join(recording(number));
         let name = &excitation.programme().name;
         log::info!("{} of {}: {name}", number + 1, all.len());
         let round = Round {
@@ -109,7 +167,7 @@ fn drive(
             maps: Some(in_use),
         };
         let with = instruments.clone();
-        a.rounds.drive(of, with, &round, a.overwrite, &ends)?;
+        a.rounds.drive(of, with, &round, a.overwrite, ends)?;
         // Without motion capture the others would be driven for nothing.
         learning::check(&record)?;
         recordings.push(record);
@@ -121,7 +179,7 @@ fn report(
     learned: &Learned,
     out: &Path,
     version: Option<u32>,
-    simulated: bool,
+    (simulated, by_itself): (bool, bool),
     dry_run: bool,
 ) -> Report {
     let (networks, calibration) = (out.join(NETWORKS), out.join(CALIBRATION));
@@ -140,9 +198,12 @@ fn report(
         text += "\nnetworks: trained for this robot file first";
     }
     text += &match version {
+        Some(n) if by_itself => format!(
+            "\nsaved as version {n}: commands that drive this arm and the window use it from their next start on. The version before can \
+             be restored on the Calibrate screen"
+        ),
         Some(n) => format!(
-            "\nsaved as version {n} and in use from the next start of the window on; other commands use it with --calibration {} \
-             --networks {}. The version before can be restored on the Calibrate screen",
+            "\nsaved as version {n}, with which the window starts; commands on the virtual rig use it with --calibration {} --networks {}",
             calibration.display(),
             networks.display()
         ),

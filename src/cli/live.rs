@@ -20,7 +20,7 @@ use springtwin::rig::faults::Script;
 use springtwin::rig::hidden::Hidden;
 use springtwin::rig::inertial::InertialErrors;
 use springtwin::rig::pty::{Lines, Pty};
-use springtwin::rig::{Obstacle, RigOptions, Unit, VirtualRig};
+use springtwin::rig::{Obstacle, RigOptions, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, Goal};
 use springtwin::task::Item;
@@ -287,7 +287,7 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
 pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
     let mut options = RigOptions {
-        unit: Unit(a.unit),
+        unit: args::unit_of(robot, a.unit)?,
         objects: objects(&a.object),
         hidden: a.hide.clone(),
         clocks: Some(a.clocks(robot)),

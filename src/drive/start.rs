@@ -203,6 +203,11 @@ mod tests {
             raw.tick_rate_sd[1] = 1e-3;
         }
         assert_eq!(start.ready(&unknown, &mut Vec::new()), Ok(false));
+        // Known, but not so well that a jump would leave it known.
+        if let Some(raw) = &mut unknown.raw {
+            raw.tick_rate_sd[1] = 2e-4;
+        }
+        assert_eq!(start.ready(&unknown, &mut Vec::new()), Ok(false));
         let lost = snapshot(Mode::Disarmed, 0);
         assert!(check_link(&lost.link, "sim").is_ok());
         let silent = check_link(&LinkStatus::default(), "sim").map_err(|e| e.to_string());

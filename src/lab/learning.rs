@@ -15,11 +15,12 @@ use super::units::session_recipe;
 use crate::calibrate::NewVersion;
 use crate::drive::model::trained_for_another;
 use crate::learn::{Model, Recipe, Watch, adapt, pose_residual, train, with_guesses};
+use crate::recording::{Selection, SessionLog, part_of};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bundle::{Group, adjust};
 use crate::sensing::registration::Registration;
-use crate::signal::Dataset;
+use crate::signal::{Dataset, Stamp};
 use crate::sim::dataset::{Draw, Plan, generate};
 use crate::twin::Maps;
 
@@ -29,6 +30,8 @@ pub const LEAST: usize = 3;
 const SECONDS: f64 = 60.0;
 /// What is driven, in turn: poses all over the workspace, everything, strokes along the axis.
 const KINDS: [Excitation; 3] = [Excitation::Loads, Excitation::Mixed, Excitation::Axial];
+/// How much worse the orientation may be where the position is better, as a factor: within the noise of a minute.
+const WORSE_TURN: f64 = 1.05;
 /// Time between the samples that are learned from, s: neighbours of a faster rate are nearly the same.
 const ROW_S: f64 = 0.2;
 
@@ -93,9 +96,10 @@ pub struct Learned {
 }
 
 impl Learned {
-    /// Whether the new networks find the tip better.
+    /// Whether the new networks find the tip better, and its orientation not worse.
     pub fn better(&self) -> bool {
-        self.after.translation_mm < self.before.translation_mm
+        let (a, b) = (&self.after, &self.before);
+        a.translation_mm < b.translation_mm && a.rotation_deg <= WORSE_TURN * b.rotation_deg
     }
 
     /// The errors before and after, for people.
@@ -166,8 +170,38 @@ pub struct Arm<'a> {
 impl Arm<'_> {
     /// Samples of a recording, read by a calibration from its raw frames.
     fn samples(&self, recording: &Path, maps: &Maps, by: &Calibration) -> Result<Dataset> {
-        let log = read_again(recording, self.robot, maps, by)?;
+        let log = self.log(recording, maps, by)?;
         Ok(thinned(with_capture(recording, samples_of(&log))?))
+    }
+
+    /// A recording of this arm, read by a calibration from its raw frames.
+    fn log(&self, recording: &Path, maps: &Maps, by: &Calibration) -> Result<SessionLog> {
+        let log = read_again(recording, self.robot, maps, by)?;
+        let known = [&self.robot.hash, &self.robot.base_hash];
+        anyhow::ensure!(
+            log.robot.is_empty() || known.contains(&&log.robot),
+            "{} was recorded with another robot file: name that with --robot",
+            recording.display()
+        );
+        Ok(log)
+    }
+
+    /// What both read of the recording that judges, on the same rows.
+    fn judged(&self, last: &Path, own: (&Maps, &Calibration)) -> Result<[Dataset; 2]> {
+        let before = self.log(last, self.in_use, self.calibration)?;
+        let after = self.log(last, own.0, own.1)?;
+        let whole =
+            |log: &SessionLog, k: usize| log.sensors[k].to_vector().iter().all(|x| x.is_finite());
+        let both: Vec<bool> = (0..before.len().min(after.len()))
+            .map(|k| whole(&before, k) && whole(&after, k))
+            .collect();
+        let only = |mut log: SessionLog| {
+            for (k, truth) in log.truth.iter_mut().enumerate() {
+                truth.take_if(|_| !both.get(k).copied().unwrap_or(false));
+            }
+            with_capture(last, samples_of(&log)).map(thinned)
+        };
+        Ok([only(before)?, only(after)?])
     }
 
     /// The calibration with what held-out blocks of the recordings show to be better.
@@ -205,8 +239,7 @@ impl Arm<'_> {
             recordings.len()
         );
         let (last, rest) = recordings.split_last().context("there are recordings")?;
-        let held_out = self.samples(last, self.in_use, self.calibration)?;
-        let before = Errors::of(self.in_use, &held_out);
+        held_out(last, rest)?;
         let (calibration, adjusted) = self.adjusted(rest)?;
         let trained =
             trained_for_another(self.base, self.robot).is_some() && self.robot.patches.is_empty();
@@ -227,17 +260,42 @@ impl Arm<'_> {
         let networks = adapt(base, &real, &session_recipe()?, watch)?.to_bytes()?;
         // As they will be read.
         let own = Maps::from(Model::from_bytes(&networks)?);
-        let held_out = self.samples(last, &own, &calibration)?;
+        let [read_before, read_after] = self.judged(last, (&own, &calibration))?;
         Ok(Learned {
-            before,
-            after: Errors::of(&own, &held_out),
-            samples: [real.samples.len(), held_out.samples.len()],
+            before: Errors::of(self.in_use, &read_before),
+            after: Errors::of(&own, &read_after),
+            samples: [real.samples.len(), read_after.samples.len()],
             networks,
             calibration,
             adjusted,
             trained,
         })
     }
+}
+
+/// Refuses a recording that judges and is learned from as well.
+fn held_out(last: &Path, rest: &[PathBuf]) -> Result<()> {
+    let place = |file: &Path| -> Result<_> {
+        let (path, part) = part_of(file)?;
+        Ok((std::fs::canonicalize(&path).unwrap_or(path), part))
+    };
+    let (path, part) = place(last)?;
+    let ends = |s: &Selection| {
+        [
+            s.from.unwrap_or(Stamp(i64::MIN)),
+            s.to.unwrap_or(Stamp(i64::MAX)),
+        ]
+    };
+    for file in rest {
+        let (other, of) = place(file)?;
+        let ([a, b], [c, d]) = (ends(&part), ends(&of));
+        anyhow::ensure!(
+            other != path || b <= c || d <= a,
+            "{} is learned from and held out as well: give another recording last",
+            last.display()
+        );
+    }
+    Ok(())
 }
 
 /// Networks of a robot file, trained on its own model as the shipped ones were on the reference robot's

@@ -58,7 +58,7 @@ fn in_a_row(name: &str, robot: &RobotSpec, parts: &[Drive]) -> Programme {
         let most_pa = end_pa.iter().fold(0.0_f64, |most, p| most.max(p.abs()));
         let back_s = end_s + (most_pa / rate_pa_s).max(0.1);
         for (i, knots) in out.knots.iter_mut().enumerate() {
-            let within = one.knots[i].iter().filter(|k| k[0] < one.seconds);
+            let within = one.knots[i].iter().filter(|k| k[0] < one.seconds - 1e-6);
             // The first one of a part is at the time of the last one before it, both at 0.
             let from = usize::from(!knots.is_empty());
             knots.extend(within.skip(from).map(|[t_s, pa]| [start_s + t_s, *pa]));
@@ -105,6 +105,11 @@ fn parse(text: &str, name: String, robot: &RobotSpec) -> Result<Programme> {
             anyhow::anyhow!("line {number}: {} fields in place of 7", row.len())
         })?;
         let (t_s, from_s) = (row[0], before.map_or(0.0, |b| b[0]));
+        if before.is_none() && t_s > 0.0 {
+            out.knots
+                .iter_mut()
+                .for_each(|knots| knots.push([0.0, 0.0]));
+        }
         anyhow::ensure!(
             t_s >= 0.0 && before.is_none_or(|b| t_s > b[0]),
             "line {number}: times have to begin at 0 or later and to rise, but {t_s} s follows {from_s} s"
@@ -165,6 +170,8 @@ mod tests {
         let good = read("0,0,0,0,0,0,0\n2, 10,0,0,0,0,-10\n\n4,10,0,0,0,0,0\n").expect("reads");
         assert_eq!(good.at(1.0), [5e3, 0.0, 0.0, 0.0, 0.0, -5e3]);
         assert_eq!(good.seconds, 4.0);
+        let later = read("4,20,0,0,0,0,0\n").expect("reads");
+        assert_eq!(later.at(2.0)[0], 10e3, "from 0 at the beginning");
         for (rows, words) in [
             ("", "no row"),
             ("0,0,0\n", "line 2: 3 fields"),

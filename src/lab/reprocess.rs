@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context as _, Result};
+use nalgebra::SVector;
 use sha2::{Digest as _, Sha256};
 
 use super::Progress;
@@ -13,7 +14,7 @@ use crate::recording::{
 };
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::signal::{Estimate, SensorFrame, Snapshot, Stamp, hex};
+use crate::signal::{Estimate, SensorFrame, SensorVec, Snapshot, Stamp, hex};
 use crate::twin::{Maps, Reading};
 
 /// What a recording is computed with.
@@ -93,6 +94,9 @@ pub fn read_again(
     calibration: &Calibration,
 ) -> Result<SessionLog> {
     let mut log = read_log(path)?;
+    // A row that is not read again has no reading.
+    let none = SensorVec::from_vector(&SVector::repeat(f64::NAN));
+    log.sensors.fill(none);
     let mut sensing = maps.sensing(robot, calibration);
     let (mut newest, mut row) = (None, 0);
     each_snapshot(path, 0, &mut |snapshot| {

@@ -48,6 +48,9 @@ pub struct RawFrame {
     pub faults: u16,
 }
 
+/// Largest relative standard deviation of a board's clock rate with which lengths are read, s/s.
+const MAX_RATE_SD: f64 = 2.5e-4;
+
 impl RawFrame {
     /// `present` with every channel delivered.
     pub const ALL_PRESENT: u32 = (1 << (SPRINGS + IMUS + CHAMBERS)) - 1;
@@ -55,13 +58,18 @@ impl RawFrame {
     /// Whether the rate of a board's clock is known well enough for lengths: to 0.5 mm of 154 mm. The link takes half a
     /// second, or two on a busy line, to measure the clock of a board of which it knows nothing.
     pub fn clock_is_known(&self, board: usize) -> bool {
-        const MAX_RATE_SD: f64 = 2.5e-4;
         self.tick_rate_sd[board] <= MAX_RATE_SD
     }
 
     /// The same for all boards.
     pub fn clocks_are_known(&self) -> bool {
         (0..BOARDS).all(|b| self.clock_is_known(b))
+    }
+
+    /// Whether all are known so well that they stay known when one jumps, which leaves its rate as it was but for 5e-5: what moves
+    /// must not lose the springs of a board in its first seconds.
+    pub fn clocks_have_settled(&self) -> bool {
+        self.tick_rate_sd.iter().all(|sd| *sd <= 0.4 * MAX_RATE_SD)
     }
 
     /// Ticks per second of the clock that counts spring `i` (0-based).

@@ -337,13 +337,13 @@ pub enum ArmingCheck {
 pub const PAIR_S: f64 = 0.1;
 
 impl Snapshot {
-    /// Whether the boards have been heard for so long that the filters have settled and the clocks of both are known: an
+    /// Whether the boards have been heard for so long that the filters have settled and the clocks of both are known for good: an
     /// arm may set out.
     pub fn has_settled(&self) -> bool {
         let raw = self.raw.as_ref();
         self.link.connected
             && self.link.frames > SETTLING_FRAMES
-            && raw.is_some_and(RawFrame::clocks_are_known)
+            && raw.is_some_and(RawFrame::clocks_have_settled)
     }
 
     /// The ground truth, where it is of the estimate's time: what motion capture saw before it lost the object is kept, but

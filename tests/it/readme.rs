@@ -56,7 +56,12 @@ impl Figure {
     /// Of something that was trained or fitted, on another computer: to a quarter, or two of the last digit.
     fn is_like(self, printed: Self) -> bool {
         let last_digit = 0.1f64.powi(self.decimals as i32);
-        (self.value - printed.value).abs() <= (0.25 * self.value).max(2.0 * last_digit)
+        // Small whole numbers count or number something.
+        let tolerance = match self.decimals {
+            0 if self.value < 20.0 => 0.0,
+            _ => (0.25 * self.value).max(2.0 * last_digit),
+        };
+        self.decimals == printed.decimals && (self.value - printed.value).abs() <= tolerance
     }
 }
 

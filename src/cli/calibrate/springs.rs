@@ -353,7 +353,7 @@ pub struct BenchArgs {
 /// `rig bench`.
 pub fn bench(a: &BenchArgs, robot: &RobotSpec) -> Result<Report> {
     a.overwrite.file(&a.out)?;
-    let mut circuit = circuit_of(robot, Unit(a.unit));
+    let mut circuit = circuit_of(robot, args::unit_of(robot, a.unit)?);
     circuit.tremble_m = a.noise * 1e-3;
     let plan = BenchPlan {
         slack_m: a.slack * 1e-3,

@@ -100,7 +100,7 @@ pub fn wizard(
         "a calibration needs a name: --name NAME"
     );
     let store = store(a, robot, simulated)?;
-    let instruments = a.instruments.of_arm(robot, &a.rig);
+    let instruments = a.instruments.with_saved(robot, &a.rig);
     let registration = instruments.registration()?;
     let in_use = Arc::new(model::calibration(instruments.calibration.as_deref())?);
     let maps = model::maps_for(robot, &a.rig, instruments.networks.as_deref())?;

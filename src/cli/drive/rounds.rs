@@ -68,6 +68,11 @@ pub struct Round<'a> {
 }
 
 impl RoundArgs {
+    /// Whether the virtual rig is the arm that the window moves with this robot file.
+    pub fn is_usual_unit(&self, robot: &RobotSpec) -> bool {
+        robot.virtual_unit.is_some() || Unit(self.unit) == Unit::default()
+    }
+
     /// Refuses what cannot be driven, before anything is.
     pub fn check(&self, robot: &RobotSpec) -> Result<()> {
         args::payload_in_range(robot, self.payload)?;
@@ -85,7 +90,7 @@ impl RoundArgs {
     ) -> Result<()> {
         overwrite.file(round.record)?;
         let mut options = rig_options(self.payload, self.seed.wrapping_add(round.number as u64));
-        options.unit = Unit(self.unit);
+        options.unit = args::unit_of(robot, self.unit)?;
         options.hidden.clone_from(&self.hide);
         let mut twin = TwinBuilder::new(robot)
             .robot_file(robot_file)
@@ -105,7 +110,11 @@ impl RoundArgs {
             after_s: 0.5,
             record: Some(round.record.to_owned()),
             note: round.note.clone(),
-            reset: args::resets(self.reset.as_deref()),
+            // The end of the round before latched the boards, as every end of a program does.
+            reset: match (round.number, &self.reset) {
+                (0, named) => args::resets(named.as_deref()),
+                (_, named) => args::resets(Some(named.as_deref().unwrap_or(&[]))),
+            },
         };
         let driven = drive(twin, &what, None)?;
         ensure_carried_out(&driven, seconds)

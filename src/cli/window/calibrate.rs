@@ -10,7 +10,7 @@ use super::conduct::{Ask, free_folder};
 use super::later::later;
 use crate::cli::calibrate::now;
 use springtwin::calibrate::{Comparison, Question, Store, bench, sentence};
-use springtwin::drive::{give_way, model, read_bench};
+use springtwin::drive::{Instruments, give_way, model, read_bench};
 use springtwin::gui::services::calibrate::{Bench, CalibrationServices, Learnt};
 use springtwin::gui::services::conduct::{Conducted, Wanted};
 use springtwin::gui::services::{Job, Worker};
@@ -164,6 +164,9 @@ impl Learner {
             let why = "There is no folder for the user's data: set HOME.".to_owned();
             return (Job::ready(Err(why)), Conducted::by_nobody());
         };
+        if let Err(why) = self.is_in_use(&store) {
+            return (Job::ready(Err(sentence(why))), Conducted::by_nobody());
+        }
         let folder = free_folder(&store.folder().join("learned"));
         let (ask, conducted) = Ask::new(recording(&folder, 0));
         let (learner, repaint) = (self.clone(), ctx.clone());
@@ -173,6 +176,21 @@ impl Learner {
             run.map_err(sentence)
         });
         (job, conducted)
+    }
+
+    /// Refuses what was saved but is not in use yet: networks, and the place of motion capture, change with the next connection.
+    fn is_in_use(&self, store: &Store) -> anyhow::Result<()> {
+        let saved = store.complete(Instruments::default(), self.simulated).0;
+        let placed = saved.registration()?;
+        anyhow::ensure!(
+            saved.networks.is_none() || saved.networks == self.networks,
+            "networks were saved that are not in use yet: click SIM or HARDWARE to connect again, then learn"
+        );
+        anyhow::ensure!(
+            placed.is_none() || placed == self.registration,
+            "a registration of motion capture was saved that is not in use yet: click HARDWARE to connect again, then learn"
+        );
+        Ok(())
     }
 
     fn run(

@@ -39,6 +39,10 @@ pub struct Conduct {
     consent: Consent,
     awaits: Awaits,
     hold: HoldToGo,
+    /// Whether the operator of hardware has agreed.
+    agreed: bool,
+    /// Whether the arm was held, stopped or disarmed after an excitation.
+    held: bool,
     /// The excitations so far, with the reason for each.
     pub driven: Vec<String>,
 }
@@ -49,6 +53,9 @@ const PROCEED: Fire = Fire {
     hover: "Drives this excitation and records it; STOP and HOLD end it",
 };
 
+/// Why work ends that an operator ended at the arm.
+const HELD: &str = "The arm was held.";
+
 impl Conduct {
     /// Of work that has begun.
     pub fn new(link: Conducted, consent: Consent) -> Self {
@@ -57,6 +64,8 @@ impl Conduct {
             consent,
             awaits: Awaits::Work,
             hold: HoldToGo::default(),
+            agreed: false,
+            held: false,
             driven: Vec::new(),
         }
     }
@@ -76,9 +85,13 @@ impl Conduct {
     /// Takes what is wanted; on the virtual rig, or with consent, it begins by itself.
     pub fn poll(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
         if let (Awaits::Work, Ok(wanted)) = (&self.awaits, self.link.wanted.try_recv()) {
+            if self.held {
+                self.answer(Err(HELD.to_owned()));
+                return;
+            }
             self.driven.push(wanted.why.clone());
             self.awaits = Awaits::Consent(wanted);
-            let is_agreed = self.consent == Consent::Once && self.driven.len() > 1;
+            let is_agreed = self.consent == Consent::Once && self.agreed;
             if is_agreed || !view.snapshot.link.moves_hardware() {
                 self.begin(view, commands);
             }
@@ -99,39 +112,53 @@ impl Conduct {
         }
     }
 
-    /// Follows the arm; gives whether the recording is to be closed now.
-    pub fn follow(&mut self, live: &Snapshot, events: &[Event]) -> bool {
+    /// Follows the arm; gives what is to be ordered of the twin now.
+    pub fn follow(&mut self, live: &Snapshot, events: &[Event]) -> Vec<Command> {
+        let failed = events.iter().find_map(|e| match e {
+            Event::RecordingFailed { reason, .. } => Some(format!("It was not recorded: {reason}")),
+            _ => None,
+        });
         let Awaits::End { name, has_begun } = &mut self.awaits else {
+            // What was driven leaves the arm at its goal until somebody acts. Where each excitation needs consent, so does the next.
+            let is_off = matches!(live.mode, Mode::Hold | Mode::Disarmed | Mode::Safe(_));
+            let between = matches!(self.awaits, Awaits::Recording)
+                || (matches!(self.awaits, Awaits::Work) && !self.driven.is_empty());
+            self.held |= self.consent == Consent::Once && between && is_off;
             let is_closed = live.recording.is_none() && events.iter().any(ends_recording);
             if matches!(self.awaits, Awaits::Recording) && is_closed {
-                self.answer(Ok(()));
+                self.answer(match (failed, self.held) {
+                    (Some(why), _) => Err(why),
+                    (None, true) => Err(HELD.to_owned()),
+                    (None, false) => Ok(()),
+                });
             }
-            return false;
+            return Vec::new();
         };
         let finished = events
             .iter()
             .any(|e| matches!(e, Event::Finished { name: n, .. } if n == name));
         if finished {
             self.awaits = Awaits::Recording;
-            return true;
+            return vec![Command::StopRecording];
         }
         *has_begun |= live.mode == Mode::Moving;
+        // Once it moves, what is refused is something else.
         let refused = events.iter().find_map(|e| match e {
-            Event::Refused { reason, .. } => Some(reason.clone()),
-            Event::RecordingFailed { reason, .. } => Some(format!("It was not recorded: {reason}")),
+            Event::Refused { reason, .. } if !*has_begun => Some(reason.clone()),
             _ => None,
         });
         let ended = match &live.mode {
             Mode::Safe(reason) => Some(format!("The arm went SAFE: {reason}.")),
-            Mode::Hold | Mode::Disarmed if *has_begun => Some("The arm was held.".to_owned()),
-            _ => refused,
+            Mode::Hold | Mode::Disarmed if *has_begun => Some(HELD.to_owned()),
+            _ => failed.or(refused),
         };
         match ended {
             Some(why) => {
                 self.answer(Err(why));
-                true
+                let hold = (live.mode == Mode::Moving).then_some(Command::Hold);
+                hold.into_iter().chain([Command::StopRecording]).collect()
             }
-            None => false,
+            None => Vec::new(),
         }
     }
 
@@ -145,6 +172,7 @@ impl Conduct {
             Awaits::Consent(_) => {
                 let mut hold = std::mem::take(&mut self.hold);
                 if hold.button(ui, live, &Ok(()), &PROCEED, vec2(160.0, 32.0)) {
+                    self.agreed = true;
                     self.begin(live, commands);
                 }
                 self.hold = hold;

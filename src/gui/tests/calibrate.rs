@@ -19,6 +19,7 @@ use crate::sensing::{Calibration, Sensing};
 use crate::signal::ControllerKind;
 use crate::twin::{Heard, InProcess, Maps, Runner};
 
+mod learn;
 mod notices;
 
 /// The virtual rig behind a line that can be cut.

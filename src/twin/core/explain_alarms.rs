@@ -50,8 +50,8 @@ pub fn example_alarms() -> Vec<AlarmCause> {
         },
         AlarmCause::OverPressure {
             chamber: 1,
-            measured_pa: 52.4e3,
-            limit_pa: 50e3,
+            measured_pa: 43.1e3,
+            limit_pa: 42e3,
         },
         AlarmCause::StillFed {
             chamber: 1,
@@ -96,7 +96,7 @@ pub fn example_alarms() -> Vec<AlarmCause> {
             suspects: vec![("spring 4".to_owned(), 0.6), ("IMU 1".to_owned(), 0.4)],
         },
         AlarmCause::PoseUnknown {
-            need: Need::Position(1, 4.1e-3),
+            need: Need::Position(1, 8.1e-3),
         },
         AlarmCause::Unsolved { ticks: 12 },
         AlarmCause::ContactIgnored,
@@ -104,7 +104,7 @@ pub fn example_alarms() -> Vec<AlarmCause> {
     ]
 }
 
-const GO_SAFE: &str = "A held or moving arm goes SAFE: pumps off, air let out.";
+const GO_SAFE: &str = "A held or moving arm goes SAFE: pumps off. Whether the chambers keep their air depends on the supply (`supply_off`).";
 const DRIVES_ON: &str = "The arm drives on; the sensor is left out or counts less, and the band around the tip is wider.";
 
 /// What an operator wants to know of this alarm.
@@ -243,7 +243,7 @@ pub fn explain_alarm(cause: &AlarmCause) -> AlarmHelp {
         AlarmCause::EmergencyStop => help(
             "emergency-stop",
             "The loop of the emergency stop is open.".to_owned(),
-            "The boards cut pumps and supply by themselves and latch.",
+            "The boards switch their regulators off by themselves and latch; the supply is cut by the button's own contact, if it is wired as the guide has it. VENT is refused meanwhile: the air leaves through the dump valve only.",
             "Who pressed it and why; then release it and press Reset. Otherwise the plug of the loop.",
         ),
         AlarmCause::ContactIgnored => help(
@@ -261,7 +261,7 @@ pub fn explain_alarm(cause: &AlarmCause) -> AlarmHelp {
         AlarmCause::Safe { .. } => help(
             "safe",
             "The program or the boards went SAFE; the sentence has the reason.".to_owned(),
-            "Pumps are off and the air is let out. Nothing moves until Reset, and then not before the next Arm.",
+            "Pumps are off. Whether the arm keeps its shape or sags depends on the supply (`supply_off` of the robot file); VENT lets the air out. Nothing moves until Reset, and then not before the next Arm.",
             "The reason in the sentence, and the alarms beside this one.",
         ),
     }

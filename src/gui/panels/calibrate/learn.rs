@@ -47,10 +47,8 @@ impl Learning {
 
     /// Follows the arm that is driven for it.
     pub fn follow(&mut self, live: &Snapshot, events: &[Event]) {
-        if let Some(conduct) = &mut self.conduct
-            && conduct.follow(live, events)
-        {
-            self.orders.push(Command::StopRecording);
+        if let Some(conduct) = &mut self.conduct {
+            self.orders.extend(conduct.follow(live, events));
         }
     }
 
@@ -100,7 +98,7 @@ fn gate(live: &View<'_>, wizard: &Wizard) -> Gate {
         );
     }
     conduct_gate(live)?;
-    match live.snapshot.truth {
+    match live.snapshot.fresh_truth() {
         None => Err("Motion capture does not see the end pad: start its stream first.".into()),
         Some(_) => Ok(()),
     }

@@ -470,6 +470,7 @@ fn cancel(
         let hover = "The former calibration is in use again; a moving arm is held first";
         if gated(ui, &idle, discard, hover).clicked() {
             commands.extend(wizard.cancel(&live.snapshot.mode));
+            state.learning.end(commands);
             *state = CalibrateState {
                 versions: state.versions.take(),
                 listing: std::mem::take(&mut state.listing),

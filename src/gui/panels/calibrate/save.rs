@@ -58,7 +58,7 @@ fn new_version(
     if networks_of_active(state.versions.as_ref()).is_some() {
         ui.label(
             "● Networks: those of the version in use learned the errors of its calibration and are left out; \
-             learn again after saving (springtwin learn)",
+             learn again after saving, on the step Learn",
         );
     }
     let nothing = lines.is_empty() && wizard.mark(Step::Mocap) != Mark::Pass;

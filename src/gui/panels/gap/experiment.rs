@@ -106,10 +106,8 @@ impl GapState {
 
     /// Follows the arm of an experiment under way.
     pub fn follow_experiment(&mut self, live: &Snapshot, events: &[Event]) {
-        if let Some(conduct) = &mut self.conduct
-            && conduct.follow(live, events)
-        {
-            self.orders.push(Command::StopRecording);
+        if let Some(conduct) = &mut self.conduct {
+            self.orders.extend(conduct.follow(live, events));
         }
     }
 
