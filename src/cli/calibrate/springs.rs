@@ -14,7 +14,7 @@ use crate::cli::{Failed, Report, args};
 use springtwin::drive::{read_bench, read_toml};
 use springtwin::recording::write_text;
 use springtwin::rig::circuit::{self, BenchPlan};
-use springtwin::rig::{Unit, circuit_of};
+use springtwin::rig::circuit_of;
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::bench::{
     CAPACITANCE_F, COMPENSATION_H, FitError, SpringVerdicts, calibrate,
@@ -373,6 +373,7 @@ pub fn bench(a: &BenchArgs, robot: &RobotSpec) -> Result<Report> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use springtwin::rig::Unit;
 
     struct Bench {
         dir: PathBuf,
