@@ -337,8 +337,8 @@ pub enum ArmingCheck {
 pub const PAIR_S: f64 = 0.1;
 
 impl Snapshot {
-    /// Whether the boards have been heard for so long that the filters have settled and the clocks of both are known for good: an
-    /// arm may set out.
+    /// Whether the boards have been heard for so long that the filters have settled, and the clocks of both are known so well that a
+    /// jump leaves them known: an arm may set out.
     pub fn has_settled(&self) -> bool {
         let raw = self.raw.as_ref();
         self.link.connected
