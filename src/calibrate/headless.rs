@@ -5,16 +5,17 @@
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+use std::sync::mpsc::{Receiver, TryRecvError};
 
 use super::bench::{BenchRequest, PracticeBench};
+use super::beside::beside;
 use super::findings::{Finding, Verdict, findings};
 use super::motion;
 use super::steps::Step;
 use super::validation::{Comparison, Question};
 use super::wizard::Wizard;
 use super::{imus, preflight};
-use crate::drive::{Driver, ENDED, HELLO_S, Resets, Start, give_way};
+use crate::drive::{Driver, ENDED, HELLO_S, Resets, Start};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bench::BenchLog;
@@ -498,10 +499,13 @@ pub fn run(
         match (turn.ask, clock) {
             (None, _) => {}
             (Some(ask), Clock::Lockstep) => ready = Some(answerer(ask)),
-            (Some(ask), Clock::Host) => match on_a_thread(answerer, ask) {
-                Ok(answer) => pending = Some(answer),
-                Err(e) => trouble = Some(format!("Cannot start a thread: {e}.")),
-            },
+            (Some(ask), Clock::Host) => {
+                let answerer = Arc::clone(answerer);
+                match beside(move || answerer(ask)) {
+                    Ok(answer) => pending = Some(answer),
+                    Err(e) => trouble = Some(format!("Cannot start a thread: {e}.")),
+                }
+            }
         }
         match headless.result().is_some() || trouble.is_some() {
             true => ControlFlow::Break(()),
@@ -516,19 +520,6 @@ pub fn run(
         Some(why) => Err(why),
         None => headless.result().cloned().unwrap_or(Ok(())),
     }
-}
-
-fn on_a_thread(answerer: &Answerer, ask: Ask) -> std::io::Result<Receiver<Answer>> {
-    let (tx, answer) = sync_channel(1);
-    let answerer = Arc::clone(answerer);
-    let work = move || {
-        give_way();
-        // The wizard may be over by then.
-        let _ = tx.try_send(answerer(ask));
-    };
-    let thread = std::thread::Builder::new().name("calibration".to_owned());
-    thread.spawn(work)?;
-    Ok(answer)
 }
 
 #[cfg(test)]

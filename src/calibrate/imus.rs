@@ -1,11 +1,11 @@
 //! IMUs: their zeros at rest, then their errors and the base's tilt while the arm moves slowly.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+use std::sync::mpsc::{Receiver, TryRecvError};
 
 use nalgebra::UnitQuaternion;
 
-use crate::drive::give_way;
+use super::beside::beside;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::calibration::SpringCalibration;
@@ -220,17 +220,13 @@ impl ImusTake {
             ends_sigma_m: running.ends_sigma_m,
         };
         let robot = running.robot;
-        let (tx, fit) = sync_channel(1);
-        let work = move || {
-            give_way();
+        let fit = move || {
             let captures = captures.each_ref().map(Option::as_ref);
-            // The capture may have been discarded by then.
-            let _ = tx.try_send(imu_fit::fit(&robot, &captures, &start));
+            imu_fit::fit(&robot, &captures, &start)
         };
-        self.fitting = Some(fit);
-        let thread = std::thread::Builder::new().name("calibration".to_owned());
-        if let Err(e) = thread.spawn(work) {
-            self.give_up(&format!("cannot start a thread: {e}"));
+        match beside(fit) {
+            Ok(fit) => self.fitting = Some(fit),
+            Err(e) => self.give_up(&format!("cannot start a thread: {e}")),
         }
     }
 

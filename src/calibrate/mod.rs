@@ -5,6 +5,7 @@
 //! with the way back to every version.
 
 pub mod bench;
+mod beside;
 mod findings;
 #[cfg(test)]
 mod fixture;

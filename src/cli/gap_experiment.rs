@@ -12,7 +12,7 @@ use super::args::{self, commissioned};
 use super::drive::rounds::{Round, RoundArgs};
 use super::gap_run::{FOUND, Logged, finding_text, table};
 use super::outputs::Overwrite;
-use springtwin::drive::is_virtual;
+use springtwin::drive::{Instruments, is_virtual};
 use springtwin::gap::{GapError, Grid, Progress, Stage};
 use springtwin::lab::experiment::{Experiment, Outcome, Strategy};
 use springtwin::lab::gap_files::{read_session, write_all};
@@ -52,8 +52,10 @@ pub fn run(a: &ExperimentArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> 
     std::fs::create_dir_all(&a.out)
         .with_context(|| format!("cannot make the folder {}", a.out.display()))?;
     let ends = super::signals::asked_to_end()?;
+    let instruments = a.rounds.instruments.of_arm(robot, &a.rounds.rig);
     let mut arm = |round: usize, excitation: &lab::Drive| {
-        drive_round(a, (robot_file, robot), round, excitation, &ends)
+        let with = instruments.clone();
+        drive_round(a, (robot_file, robot), with, round, excitation, &ends)
     };
     let mut ask = |why: &str| a.rounds.permitted(why, "the experiment");
     let experiment = Experiment {
@@ -94,6 +96,7 @@ impl Progress for UntilAsked {
 fn drive_round(
     a: &ExperimentArgs,
     of: (Option<&Path>, &RobotSpec),
+    instruments: Instruments,
     number: usize,
     excitation: &lab::Drive,
     ends: &Arc<AtomicBool>,
@@ -107,7 +110,6 @@ fn drive_round(
         record: &record,
         maps: None,
     };
-    let instruments = a.rounds.instruments.of_arm(of.1, &a.rounds.rig);
     a.rounds.drive(of, instruments, &round, a.overwrite, ends)?;
     Ok(Grid::new(read_session(&record)?)?)
 }

@@ -17,6 +17,7 @@ use super::{Report, args, user};
 use springtwin::calibrate::Store;
 use springtwin::drive::{Instruments, is_virtual, model};
 use springtwin::lab::learning::{self, Arm, Learned};
+use springtwin::lab::session::Drive;
 use springtwin::recording::{RecordingFile, part_of, write_bytes, write_text};
 use springtwin::rig::Unit;
 use springtwin::robot::RobotSpec;
@@ -29,7 +30,7 @@ pub struct LearnArgs {
     #[arg(long = "from", value_name = "F.rrd", num_args = 1.., conflicts_with = "minutes")]
     recordings: Vec<PathBuf>,
     /// Time of all excitations together, a minute each, min
-    #[arg(long, value_name = "MIN", default_value = "10", value_parser = args::not_negative)]
+    #[arg(long, value_name = "MIN", default_value_t = learning::MINUTES, value_parser = args::not_negative)]
     minutes: f64,
     /// Folder for the networks and a recording of every excitation
     #[arg(long, value_name = "DIR")]
@@ -49,11 +50,13 @@ const CALIBRATION: &str = "calibration.toml";
 /// `learn`.
 pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Result<Report> {
     a.rounds.check(robot)?;
+    // What is to be driven; nothing where there are recordings.
+    let all = match a.recordings.is_empty() {
+        true => learning::excitations(robot, a.minutes, a.rounds.seed),
+        false => Vec::new(),
+    };
     let mut files = vec![NETWORKS.to_owned(), CALIBRATION.to_owned()];
-    if a.recordings.is_empty() {
-        let all = learning::excitations(robot, a.minutes, a.rounds.seed);
-        files.extend((0..all.len()).map(recording));
-    }
+    files.extend((0..all.len()).map(learning::file_name));
     a.overwrite.files(&a.out, &files)?;
     a.recordings
         .iter()
@@ -77,7 +80,7 @@ pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
         .with_context(|| format!("cannot make the folder {}", a.out.display()))?;
     let ends = super::signals::asked_to_end()?;
     let recordings = match a.recordings.is_empty() {
-        true => drive(a, (robot_file, robot), &instruments, &in_use, &ends)?,
+        true => drive(a, (robot_file, robot), &all, (&instruments, &in_use), &ends)?,
         false => a.recordings.clone(),
     };
     let arm = Arm {
@@ -112,11 +115,6 @@ pub fn run(a: &LearnArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> Resul
     ))
 }
 
-/// The recording of an excitation, from 0.
-fn recording(number: usize) -> String {
-    format!("learn-{}.rrd", number + 1)
-}
-
 /// Refuses a recording of a simulated arm for hardware, and the other way round: what it teaches is kept with the calibration of
 /// one of them.
 fn of_this_rig(a: &LearnArgs, file: &Path) -> Result<()> {
@@ -142,11 +140,10 @@ fn of_this_rig(a: &LearnArgs, file: &Path) -> Result<()> {
 fn drive(
     a: &LearnArgs,
     of: (Option<&Path>, &RobotSpec),
-    instruments: &Instruments,
-    in_use: &Maps,
+    all: &[Drive],
+    (instruments, in_use): (&Instruments, &Maps),
     ends: &Arc<AtomicBool>,
 ) -> Result<Vec<PathBuf>> {
-    let all = learning::excitations(of.1, a.minutes, a.rounds.seed);
     let seconds: f64 = all.iter().map(|d| d.programme().seconds).sum();
     let next = format!(
         "{} excitations of the whole workspace under motion capture, {:.0} min in all",
@@ -154,25 +151,24 @@ fn drive(
         seconds / 60.0
     );
     a.rounds.permitted(&next, "learning")?;
-    let mut recordings = Vec::new();
-    for (number, excitation) in all.iter().enumerate() {
-        let record = a.out.join(recording(number));
-        let name = &excitation.programme().name;
-        log::info!("{} of {}: {name}", number + 1, all.len());
+    learning::recorded(all, &a.out, &mut |number, excitation, record| {
+        let which = format!(
+            "{} of {}: {}",
+            number + 1,
+            all.len(),
+            excitation.programme().name
+        );
+        log::info!("{which}");
         let round = Round {
             number,
             excitation,
-            note: format!("learning, {} of {}: {name}", number + 1, all.len()),
-            record: &record,
+            note: format!("learning, {which}"),
+            record,
             maps: Some(in_use),
         };
-        let with = instruments.clone();
-        a.rounds.drive(of, with, &round, a.overwrite, ends)?;
-        // Without motion capture the others would be driven for nothing.
-        learning::check(&record)?;
-        recordings.push(record);
-    }
-    Ok(recordings)
+        a.rounds
+            .drive(of, instruments.clone(), &round, a.overwrite, ends)
+    })
 }
 
 fn report(

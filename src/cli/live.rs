@@ -20,7 +20,7 @@ use springtwin::rig::faults::Script;
 use springtwin::rig::hidden::Hidden;
 use springtwin::rig::inertial::InertialErrors;
 use springtwin::rig::pty::{Lines, Pty};
-use springtwin::rig::{Obstacle, RigOptions, VirtualRig};
+use springtwin::rig::{Obstacle, RigOptions, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{BOARDS, Goal};
 use springtwin::task::Item;
@@ -180,8 +180,8 @@ impl ImuErrors {
 
 impl RigArgs {
     /// Clocks of the boards: those of the unit where nothing else is given.
-    fn clocks(&self, robot: &RobotSpec) -> [Clock; BOARDS] {
-        let drawn = Clock::of_unit(robot.virtual_unit.unwrap_or(self.unit));
+    fn clocks(&self, unit: Unit) -> [Clock; BOARDS] {
+        let drawn = Clock::of_unit(unit.0);
         std::array::from_fn(|b| Clock {
             skew: self.clock_skew.map_or(drawn[b].skew, |all| all[b]),
             drift: self.clock_drift.map_or(drawn[b].drift, |all| all[b]),
@@ -286,11 +286,12 @@ pub fn record(a: &RecordArgs, robot_file: Option<&Path>, robot: &RobotSpec) -> R
 #[cfg(unix)]
 pub fn rig(a: &RigArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
+    let unit = args::unit_of(robot, a.unit)?;
     let mut options = RigOptions {
-        unit: args::unit_of(robot, a.unit)?,
+        unit,
         objects: objects(&a.object),
         hidden: a.hide.clone(),
-        clocks: Some(a.clocks(robot)),
+        clocks: Some(a.clocks(unit)),
         inertial: a.imu_errors.errors(),
         ..rig_options(a.payload, a.seed)
     };

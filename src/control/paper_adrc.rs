@@ -19,7 +19,7 @@ use super::residual::{TaskWeights, goal_residual, task_jacobian};
 use super::solver::solve;
 use super::tick::{RateOut, Tick};
 use crate::learn::SATURATED_RATIO;
-use crate::signal::{CHAMBERS, Goal, SIGNALS, SPRINGS, SensorRef, Stamp, Vector6};
+use crate::signal::{CHAMBERS, Goal, SIGNALS, SPRINGS, SensorRef, Stamp, Vector6, wrapped};
 use nalgebra::{SMatrix, Vector3};
 
 /// ∂s/∂q, per Pa.
@@ -48,7 +48,7 @@ pub fn virtual_output(
     let mut error = sensors - sensor_ref;
     for e in error.iter_mut().skip(SPRINGS) {
         // Angles: the short way round.
-        *e = (*e + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI;
+        *e = wrapped(*e);
     }
     let error = error.component_mul(weights);
     let mut b = *plant_jacobian;

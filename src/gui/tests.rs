@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod calibrate;
+mod conduct;
 // Its sessions come from the virtual rig, which the window itself may not import.
 #[cfg(test)]
 mod gap;

@@ -8,7 +8,7 @@ use crate::drive::model;
 use crate::learn::{ErrorStats, Model, PoseEval, to_pose};
 use crate::recording::{SessionLog, Table};
 use crate::robot::RobotSpec;
-use crate::signal::{Pose, pose_error, ypr_from_rotation};
+use crate::signal::{Pose, pose_error, wrapped, ypr_from_rotation};
 
 /// One row of a session whose sensors are all there.
 #[derive(Clone, Debug)]
@@ -89,9 +89,7 @@ pub fn compared(log: &SessionLog, estimated: &[Estimated]) -> Option<Comparison>
             ypr_from_rotation(&truth.rotation),
         );
         for i in 0..3 {
-            let turn = std::f64::consts::TAU;
-            let apart = (a[i] - b[i]).rem_euclid(turn);
-            angle_deg[i].push(apart.min(turn - apart).to_degrees());
+            angle_deg[i].push(wrapped(a[i] - b[i]).to_degrees().abs());
         }
         // Share of coordinates within 1.00 and 1.96 predicted standard deviations.
         for i in 0..3 {

@@ -20,10 +20,12 @@ use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bundle::{Group, adjust};
 use crate::sensing::registration::Registration;
-use crate::signal::{Dataset, Stamp};
+use crate::signal::{Dataset, SensorVec, Stamp};
 use crate::sim::dataset::{Draw, Plan, generate};
 use crate::twin::Maps;
 
+/// Usual time of all excitations, min.
+pub const MINUTES: f64 = 10.0;
 /// Fewest recordings: one is held out, and of one alone nothing general is learned.
 pub const LEAST: usize = 3;
 /// How long one excitation takes, s.
@@ -47,6 +49,31 @@ pub fn excitations(robot: &RobotSpec, minutes: f64, seed: u64) -> Vec<Drive> {
         Drive::new(kind(k), robot, seed, SECONDS)
     };
     (0..n).map(drive).collect()
+}
+
+/// The file of an excitation's recording, from 0.
+pub fn file_name(number: usize) -> String {
+    format!("learn-{}.rrd", number + 1)
+}
+
+/// Drives all excitations, each into a recording of its own in `folder`: `drive` gets its number, from 0, the excitation, and the
+/// file. Gives the recordings.
+///
+/// # Errors
+/// When one is not driven, or its recording has no motion capture: the others would be driven for nothing.
+pub fn recorded(
+    all: &[Drive],
+    folder: &Path,
+    drive: &mut dyn FnMut(usize, &Drive, &Path) -> Result<()>,
+) -> Result<Vec<PathBuf>> {
+    let mut recordings = Vec::new();
+    for (number, excitation) in all.iter().enumerate() {
+        let record = folder.join(file_name(number));
+        drive(number, excitation, &record)?;
+        with_capture(&record, read_samples(&record)?)?;
+        recordings.push(record);
+    }
+    Ok(recordings)
 }
 
 /// Mean errors on a recording that was held out.
@@ -127,13 +154,6 @@ impl Learned {
 }
 
 /// Refuses a recording without motion capture.
-///
-/// # Errors
-/// When it cannot be read, or holds no motion capture.
-pub fn check(recording: &Path) -> Result<()> {
-    with_capture(recording, read_samples(recording)?).map(drop)
-}
-
 fn with_capture(recording: &Path, data: Dataset) -> Result<Dataset> {
     anyhow::ensure!(
         !data.samples.is_empty(),
@@ -188,20 +208,16 @@ impl Arm<'_> {
 
     /// What both read of the recording that judges, on the same rows.
     fn judged(&self, last: &Path, own: (&Maps, &Calibration)) -> Result<[Dataset; 2]> {
-        let before = self.log(last, self.in_use, self.calibration)?;
-        let after = self.log(last, own.0, own.1)?;
-        let whole =
-            |log: &SessionLog, k: usize| log.sensors[k].to_vector().iter().all(|x| x.is_finite());
-        let both: Vec<bool> = (0..before.len().min(after.len()))
-            .map(|k| whole(&before, k) && whole(&after, k))
-            .collect();
-        let only = |mut log: SessionLog| {
-            for (k, truth) in log.truth.iter_mut().enumerate() {
-                truth.take_if(|_| !both.get(k).copied().unwrap_or(false));
+        let mut before = self.log(last, self.in_use, self.calibration)?;
+        let mut after = self.log(last, own.0, own.1)?;
+        for k in 0..before.len() {
+            let read = [&before.sensors[k], &after.sensors[k]].map(SensorVec::to_vector);
+            if !read.iter().flatten().all(|x| x.is_finite()) {
+                (before.truth[k], after.truth[k]) = (None, None);
             }
-            with_capture(last, samples_of(&log)).map(thinned)
-        };
-        Ok([only(before)?, only(after)?])
+        }
+        let samples = |log: &SessionLog| with_capture(last, samples_of(log)).map(thinned);
+        Ok([samples(&before)?, samples(&after)?])
     }
 
     /// The calibration with what held-out blocks of the recordings show to be better.

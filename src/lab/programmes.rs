@@ -20,8 +20,6 @@ const COMMISSION: [(Excitation, f64); 3] = [
 ];
 /// Usual length of it, min.
 pub const COMMISSION_MIN: f64 = 3.5;
-/// Usual length of what networks learn from, min.
-pub const LEARN_MIN: f64 = 10.0;
 /// Largest file of pressures.
 const FILE: SizeLimit = SizeLimit::of_kind(16 << 20, "a file of pressures");
 /// Columns of such a file.

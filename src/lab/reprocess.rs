@@ -14,7 +14,7 @@ use crate::recording::{
 };
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::signal::{Estimate, SensorFrame, SensorVec, Snapshot, Stamp, hex};
+use crate::signal::{Estimate, NewFrames, SensorFrame, SensorVec, Snapshot, Stamp, hex};
 use crate::twin::{Maps, Reading};
 
 /// What a recording is computed with.
@@ -98,12 +98,10 @@ pub fn read_again(
     let none = SensorVec::from_vector(&SVector::repeat(f64::NAN));
     log.sensors.fill(none);
     let mut sensing = maps.sensing(robot, calibration);
-    let (mut newest, mut row) = (None, 0);
+    let (mut frames, mut any, mut row) = (NewFrames::default(), false, 0);
     each_snapshot(path, 0, &mut |snapshot| {
-        if let Some(raw) = &snapshot.raw
-            && newest.is_none_or(|newest| raw.stamp > newest)
-        {
-            newest = Some(raw.stamp);
+        if let Some(raw) = frames.of(snapshot) {
+            any = true;
             if let Reading::Whole(frame, _) = maps.read(&mut sensing, raw) {
                 let t_s = frame.stamp.seconds();
                 row += log.t_s[row..].partition_point(|row_s| *row_s < t_s);
@@ -114,7 +112,7 @@ pub fn read_again(
         }
     })?;
     anyhow::ensure!(
-        newest.is_some(),
+        any,
         "{} holds no raw frames: record the boards with springtwin record",
         path.display()
     );
@@ -150,7 +148,7 @@ fn meta(old: &RecordingMeta, calibration: &str, means: &Means<'_>) -> RecordingM
 /// What was made of the newest raw frame.
 #[derive(Default)]
 struct Computed {
-    newest: Option<Stamp>,
+    frames: NewFrames,
     sensors: Option<SensorFrame>,
     estimate: Option<Estimate>,
 }
@@ -163,14 +161,11 @@ impl Computed {
         sensing: &mut crate::sensing::Sensing,
         maps: &Maps,
     ) -> Snapshot {
-        if let Some(raw) = &snapshot.raw
-            && self.newest.is_none_or(|newest| raw.stamp > newest)
+        if let Some(raw) = self.frames.of(snapshot)
+            && let Reading::Whole(frame, eval) = maps.read(sensing, raw)
         {
-            self.newest = Some(raw.stamp);
-            if let Reading::Whole(frame, eval) = maps.read(sensing, raw) {
-                self.estimate = Some(estimate(frame.stamp, &eval));
-                self.sensors = Some(*frame);
-            }
+            self.estimate = Some(estimate(frame.stamp, &eval));
+            self.sensors = Some(*frame);
         }
         Snapshot {
             sensors: self.sensors.clone(),

@@ -13,7 +13,7 @@ use crate::rig::Unit;
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::bundle::{Adjustment, Sample, Take, adjust};
-use crate::signal::Stamp;
+use crate::signal::NewFrames;
 use crate::twin::Maps;
 
 /// Length of the motion that judges, s, and how its seed differs from that of the motion fitted to.
@@ -69,13 +69,9 @@ pub fn recorded_take(
     with_mocap: bool,
 ) -> Result<(Take, Option<bool>)> {
     let mut take = Take::default();
-    let mut newest: Option<Stamp> = None;
+    let mut frames = NewFrames::default();
     let meta = each_snapshot(path, size_of::<Sample>(), &mut |snapshot| {
-        // Between two frames a snapshot repeats the last one.
-        if let Some(raw) = &snapshot.raw
-            && newest.is_none_or(|newest| raw.stamp > newest)
-        {
-            newest = Some(raw.stamp);
+        if let Some(raw) = frames.of(snapshot) {
             take.samples.push(Sample::of(calibration, raw));
         }
         if let Some(truth) = snapshot.truth.as_ref().filter(|_| with_mocap) {

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::data::pose_vector;
-use crate::signal::{Pose, SPRINGS, Vector6, pose_error, pose_from_ypr};
+use crate::signal::{Pose, SPRINGS, Vector6, pose_error, pose_from_ypr, wrapped};
 
 /// Statistics of absolute errors, in the unit of the errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -168,12 +168,6 @@ pub fn pose_residual(predicted: &Vector6, truth: &Pose) -> Vector6 {
         e[k] = wrapped(e[k]);
     }
     e
-}
-
-/// The angle within ±π, rad.
-pub(super) fn wrapped(angle_rad: f64) -> f64 {
-    use std::f64::consts::{PI, TAU};
-    (angle_rad + PI).rem_euclid(TAU) - PI
 }
 
 /// Fraction of samples whose error lies within the stated 68.27 % and 95 % ellipsoids.

@@ -7,8 +7,9 @@ use rand_pcg::Pcg64Mcg;
 use super::Unit;
 use super::multibody::arm::{Character, make};
 use super::multibody::chain::Arm;
+use super::multibody::member::Member;
 use super::noise::normal;
-use crate::robot::{REFERENCE, RobotSpec};
+use crate::robot::{REFERENCE, RobotSpec, split_comment};
 use crate::signal::{SPRINGS, stream};
 
 /// A tool: its standard error and what it shows, in the key's unit, and the source that is noted.
@@ -57,42 +58,37 @@ pub fn robot_file(unit: Unit, seed: u64) -> String {
     let mut table = String::new();
     // From the name on: what comes before is about the reference robot.
     for line in REFERENCE.lines().skip_while(|l| !l.starts_with("name")) {
-        if line.starts_with('[') {
-            line.split('#')
-                .next()
-                .unwrap_or(line)
-                .trim()
-                .clone_into(&mut table);
-        }
-        let key = line.split('=').next().unwrap_or_default().trim();
-        match measured(&table, key, line, &arm, &mut rng) {
-            Some((value, source)) => {
-                let _ = writeln!(out, "{key} = {value} # {source}");
-            }
-            None if key == "name" => {
-                let _ = writeln!(out, "name = \"unit-{}\"", unit.0);
-            }
+        let (code, _) = split_comment(line);
+        let stated = code
+            .split_once('=')
+            .map(|(key, value)| (key.trim(), value.trim()));
+        let _ = match stated {
+            Some(("name", _)) => writeln!(out, "name = \"unit-{}\"", unit.0),
+            Some((key, drawn)) => match measured(&table, key, drawn, &arm, &mut rng) {
+                Some((value, source)) => writeln!(out, "{key} = {value} # {source}"),
+                None => writeln!(out, "{line}"),
+            },
             None => {
-                let _ = writeln!(out, "{line}");
+                if code.starts_with('[') {
+                    code.clone_into(&mut table);
+                }
+                writeln!(out, "{line}")
             }
-        }
+        };
     }
     let _ = writeln!(out, "\n[virtual_rig]\nunit = {}", unit.0);
     out
 }
 
-/// What a tool shows of a key, and the tool; nothing of what is taken from the drawing.
+/// What a tool shows of a key with this value in the drawing, and its source; nothing of what is taken from the drawing.
 fn measured(
     table: &str,
     key: &str,
-    line: &str,
+    drawn: &str,
     arm: &Arm,
     rng: &mut Pcg64Mcg,
 ) -> Option<(String, &'static str)> {
-    let drawn = || -> Option<f64> {
-        let value = line.split_once('=')?.1;
-        value.split('#').next()?.trim().parse().ok()
-    };
+    let drawn = || drawn.parse().ok();
     let (tool, truth) = match (table, key) {
         ("[base]", "bellows_circle_radius_mm" | "pad_thickness_mm") => (CALIPERS, drawn()?),
         ("[bellows]", "rest_length_mm") => (SOFT, 1e3 * rest_m(arm)),
@@ -113,7 +109,7 @@ fn measured(
 }
 
 /// Mean over all bellows of what each of their members adds.
-fn over_bellows(arm: &Arm, of: impl Fn(&super::multibody::member::Member) -> f64) -> f64 {
+fn over_bellows(arm: &Arm, of: impl Fn(&Member) -> f64) -> f64 {
     let members = arm.gaps.iter().flat_map(|g| &g.members);
     members.map(of).sum::<f64>() / (3 * arm.gaps.len()) as f64
 }

@@ -529,7 +529,7 @@ pub fn numbers(text: &str) -> Vec<Number> {
 }
 
 /// A line without its comment, and the comment without its sign.
-fn split_comment(line: &str) -> (&str, &str) {
+pub fn split_comment(line: &str) -> (&str, &str) {
     let mut quoted = false;
     for (at, c) in line.char_indices() {
         match c {

@@ -15,7 +15,7 @@ use serde::Deserialize;
 
 use crate::signal::{CHAMBERS, IMUS, Pose, PressureLimits, SPRINGS};
 pub use error::RobotError;
-pub use keys::{KEYS, Key, Number, numbers};
+pub use keys::{KEYS, Key, Number, numbers, split_comment};
 pub use patch::{
     Applied, PATCH_VERSION, Patch, PatchEffect, PatchLaw, PatchValue, with_patch,
     without_last_patch,

@@ -12,7 +12,7 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use vqf_rs::{Params, VQF};
 
-use crate::signal::ImuRaw;
+use crate::signal::{ImuRaw, wrapped};
 
 /// Frame rate the filters of the arm are laid out for, 1/s.
 pub const RATE_HZ: f64 = 100.0;
@@ -94,11 +94,7 @@ pub fn heading_between(
 ) -> f64 {
     // Twist of base_from_earth about z: δ = 2 atan2(q_z, q_w); defined unless they are upside down.
     let q = base_from_pad * earth_from_pad.inverse();
-    wrap(2.0 * q.k.atan2(q.w))
-}
-
-fn wrap(angle_rad: f64) -> f64 {
-    (angle_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+    wrapped(2.0 * q.k.atan2(q.w))
 }
 
 /// Verdict on one frame's sample.

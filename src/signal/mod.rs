@@ -42,7 +42,7 @@ pub use hex::hex;
 pub use notes::{Annotations, Mark, NoteChange};
 pub use pose::{
     Goal, Matrix6, OrientationGoal, Pose, Vector6, Via, nearest_rotation, pose_between, pose_error,
-    pose_from_ypr, ypr_from_rotation,
+    pose_from_ypr, wrapped, ypr_from_rotation,
 };
 pub use quality::{
     Evidence, FAULT_NAMED, FAULT_OPEN, FOUND_M, FOUND_RAD, NIS_GATE, NIS_HIGH, Need, Quality,
@@ -52,7 +52,7 @@ pub use random::stream;
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
     ArmingCheck, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, HostDelay, LinkStatus, Mode,
-    PAIR_S, Reach, ReachState, RollingStatus, RoutineStatus, SETTLING_FRAMES, Snapshot,
+    NewFrames, PAIR_S, Reach, ReachState, RollingStatus, RoutineStatus, SETTLING_FRAMES, Snapshot,
     StreamState, StreamStatus, Trace, TruthSource,
 };
 pub use syntax::toml_error;

@@ -25,6 +25,12 @@ pub fn ypr_from_rotation(rotation: &UnitQuaternion<f64>) -> [f64; 3] {
     [yaw, pitch, roll]
 }
 
+/// An angle within ±π, rad.
+pub fn wrapped(angle_rad: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    (angle_rad + PI).rem_euclid(TAU) - PI
+}
+
 /// `actual - wanted`: translation difference in the base frame (m), then the rotation vector (rad, base frame)
 /// that turns `wanted` into `actual` (logarithm on SO(3)).
 pub fn pose_error(actual: &Pose, wanted: &Pose) -> Vector6 {

@@ -336,6 +336,24 @@ pub enum ArmingCheck {
 /// Motion capture and estimate further apart than this are not compared, s.
 pub const PAIR_S: f64 = 0.1;
 
+/// The raw frames of snapshots in a row, each once: between two frames a snapshot repeats the last one.
+#[derive(Clone, Debug, Default)]
+pub struct NewFrames {
+    newest: Option<Stamp>,
+}
+
+impl NewFrames {
+    /// The raw frame of the next snapshot; `None` where it has none that is newer than those before.
+    pub fn of<'a>(&mut self, snapshot: &'a Snapshot) -> Option<&'a RawFrame> {
+        let raw = snapshot.raw.as_ref()?;
+        if self.newest.is_some_and(|newest| raw.stamp <= newest) {
+            return None;
+        }
+        self.newest = Some(raw.stamp);
+        Some(raw)
+    }
+}
+
 impl Snapshot {
     /// Whether the boards have been heard for so long that the filters have settled, and the clocks of both are known so well that a
     /// jump leaves them known: an arm may set out.

@@ -187,8 +187,7 @@ fn the_walk_of_the_readme_goes_as_it_says() {
     follow(&readme, &clone, Figure::agrees);
 
     let file = |name: &str| clone.join("walk").join(name);
-    let finding = std::fs::read(file("found/finding.json")).expect("the finding");
-    let finding: Value = serde_json::from_slice(&finding).expect("JSON");
+    let finding = json_of(&file("found/finding.json"));
     assert_eq!(finding["verdict"], "named", "{finding}");
     assert_eq!(finding["effects"][0]["id"], "spring-calibration");
     assert_eq!(finding["effects"][0]["target"], 4);

@@ -17,7 +17,7 @@ use springtwin::drive::{
     drive, fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
 };
 use springtwin::lab::session::{self, Excitation};
-use springtwin::lab::{drive_log, programmes};
+use springtwin::lab::{drive_log, learning, programmes};
 use springtwin::learn::ErrorStats;
 use springtwin::rig::hidden::Hidden;
 use springtwin::rig::{Object, Obstacle, RigOptions};
@@ -341,7 +341,7 @@ impl ExciteArgs {
             Some("commission") => {
                 programmes::commission(robot, minutes(programmes::COMMISSION_MIN), seed)
             }
-            Some("learn") => programmes::learn(robot, minutes(programmes::LEARN_MIN), seed),
+            Some("learn") => programmes::learn(robot, minutes(learning::MINUTES), seed),
             _ => {
                 anyhow::ensure!(
                     self.minutes.is_none(),

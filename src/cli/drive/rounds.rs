@@ -110,11 +110,8 @@ impl RoundArgs {
             after_s: 0.5,
             record: Some(round.record.to_owned()),
             note: round.note.clone(),
-            // The end of the round before latched the boards, as every end of a program does.
-            reset: match (round.number, &self.reset) {
-                (0, named) => args::resets(named.as_deref()),
-                (_, named) => args::resets(Some(named.as_deref().unwrap_or(&[]))),
-            },
+            // The end of a round latches the boards, as every end of a program does: the next one may let them go.
+            reset: args::resets(self.reset.as_deref().or((round.number > 0).then_some(&[]))),
         };
         let driven = drive(twin, &what, None)?;
         ensure_carried_out(&driven, seconds)

@@ -164,11 +164,8 @@ impl Learner {
             let why = "There is no folder for the user's data: set HOME.".to_owned();
             return (Job::ready(Err(why)), Conducted::by_nobody());
         };
-        if let Err(why) = self.is_in_use(&store) {
-            return (Job::ready(Err(sentence(why))), Conducted::by_nobody());
-        }
         let folder = free_folder(&store.folder().join("learned"));
-        let (ask, conducted) = Ask::new(recording(&folder, 0));
+        let (ask, conducted) = Ask::new(folder.join(learning::file_name(0)));
         let (learner, repaint) = (self.clone(), ctx.clone());
         let job = later(ctx, "learning", move |worker| {
             give_way();
@@ -203,26 +200,23 @@ impl Learner {
         ctx: &egui::Context,
     ) -> anyhow::Result<Learnt> {
         const STOPPED: &str = "learning was stopped; its recordings are kept";
+        self.is_in_use(store)?;
         let base = model::model(self.networks.as_deref())?;
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let all = learning::excitations(&self.robot, minutes, 1);
-        let mut recordings = Vec::new();
-        for (k, excitation) in all.iter().enumerate() {
+        let recordings = learning::recorded(&all, folder, &mut |k, excitation, record| {
             let programme = excitation.programme();
             let why = format!("'{}', {} of {}", programme.name, k + 1, all.len());
             worker.tell(&why, Some(k as f32 / all.len() as f32));
-            let record = recording(folder, k);
             let wanted = Wanted {
                 programme: programme.clone(),
                 why,
-                record: record.clone(),
+                record: record.to_owned(),
             };
             anyhow::ensure!(ask.drive(wanted, worker, ctx)?, STOPPED);
-            // Without motion capture the others would be driven for nothing.
-            learning::check(&record)?;
-            recordings.push(record);
-        }
+            Ok(())
+        })?;
         worker.tell("Adjusting the calibration", None);
         let arm = Arm {
             robot: &self.robot,
@@ -259,8 +253,4 @@ impl Learner {
             simulated: self.simulated,
         })
     }
-}
-
-fn recording(folder: &Path, number: usize) -> PathBuf {
-    folder.join(format!("learn-{}.rrd", number + 1))
 }

@@ -44,7 +44,7 @@ pub struct Conduct {
     /// Whether the arm was held, stopped or disarmed after an excitation.
     held: bool,
     /// The excitations so far, with the reason for each.
-    pub driven: Vec<String>,
+    driven: Vec<String>,
 }
 
 const PROCEED: Fire = Fire {
@@ -70,9 +70,11 @@ impl Conduct {
         }
     }
 
-    /// Whether the arm is being driven for it.
-    pub fn drives(&self) -> bool {
-        matches!(self.awaits, Awaits::End { .. } | Awaits::Recording)
+    /// Ends it: what moves for it is held.
+    pub fn end(self, commands: &mut Vec<Command>) {
+        if matches!(self.awaits, Awaits::End { .. } | Awaits::Recording) {
+            commands.extend([Command::Hold, Command::StopRecording]);
+        }
     }
 
     /// Answers the work.

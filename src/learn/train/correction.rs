@@ -12,8 +12,8 @@ use crate::learn::fit::{Run, Table, fit};
 use crate::learn::mlp::{Mlp, Scaling};
 use crate::learn::progress::{Stage, TrainError};
 use crate::learn::recipe::{CorrectionInput, Recipe};
-use crate::learn::scores::{CorrectionReport, Kept, PoseScores, wrapped};
-use crate::signal::{Dataset, Pose, SIGNALS, Vector6};
+use crate::learn::scores::{CorrectionReport, Kept, PoseScores};
+use crate::signal::{Dataset, Pose, SIGNALS, Vector6, wrapped};
 
 /// Trains the sim-to-real correction on measured samples; the cascade's own correction, if any, is
 /// replaced and its covariance recalibrated.

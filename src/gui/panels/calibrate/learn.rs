@@ -63,10 +63,8 @@ impl Learning {
     /// Ends it: what moves for it is held.
     pub fn end(&mut self, commands: &mut Vec<Command>) {
         self.running.cancel();
-        if let Some(conduct) = self.conduct.take()
-            && conduct.drives()
-        {
-            commands.extend([Command::Hold, Command::StopRecording]);
+        if let Some(conduct) = self.conduct.take() {
+            conduct.end(commands);
         }
     }
 }

@@ -113,10 +113,8 @@ impl GapState {
 
     /// Ends an experiment: what moves for it is held.
     pub fn end_experiment(&mut self, commands: &mut Vec<Command>) {
-        if let Some(conduct) = self.conduct.take()
-            && conduct.drives()
-        {
-            commands.extend([Command::Hold, Command::StopRecording]);
+        if let Some(conduct) = self.conduct.take() {
+            conduct.end(commands);
         }
     }
 }

@@ -1,72 +1,37 @@
 //! The step Learn: it drives and records with the window, hardware is asked once, and the result is shown.
 
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-
+use super::super::Twin;
 use super::*;
-use crate::gui::services::Worker;
 use crate::gui::services::calibrate::Learnt;
-use crate::gui::services::conduct::{Conducted, Wanted};
+use crate::gui::tests::conduct::{Asking, closed, connected, finished, plans};
 use crate::signal::Mode;
-use crate::task::{Plan, Programme};
 
 /// The work's end.
-struct Learner {
-    minutes: f64,
-    wants: SyncSender<Wanted>,
-    answers: Receiver<Result<(), String>>,
-    worker: Worker<Learnt>,
-}
+type Learner = Asking<Learnt>;
 
-impl Learner {
-    fn want(&self, number: u32) {
-        let wanted = Wanted {
-            programme: Programme {
-                name: "loads".to_owned(),
-                seconds: 60.0,
-                ..Programme::default()
-            },
-            why: format!("'loads', {number} of 3"),
-            record: format!("learned/1/learn-{number}.rrd").into(),
-        };
-        self.wants.send(wanted).expect("the window listens");
-    }
-}
-
-fn resting(t_s: f64, moves_hardware: bool, mode: Mode) -> Snapshot {
-    let mut s = fixture::snapshot(t_s);
-    s.mode = mode;
-    s.recording = None;
-    s.link.connected = true;
-    s.link.simulated = !moves_hardware;
-    s.link.practice = !moves_hardware;
-    s.link.board_simulated = [Some(!moves_hardware); 2];
-    s
+fn want(learner: &Learner, number: u32) {
+    let why = format!("'loads', {number} of 3");
+    learner.want(
+        "loads",
+        60.0,
+        &why,
+        &format!("learned/1/learn-{number}.rrd"),
+    );
 }
 
 /// A window on the step, and learning begun; its worker.
-fn begun(moves_hardware: bool) -> (super::super::Twin, Harness<'static, App>, Learner) {
+fn begun(moves_hardware: bool) -> (Twin, Harness<'static, App>, Learner) {
     let shelf = Shelf::default();
     let made = Arc::new(Mutex::new(None));
     let make = Arc::clone(&made);
     let mut outside = services(&shelf);
     outside.calibration.learn = Box::new(move |minutes, _| {
-        let (job, worker) = Job::pair();
-        let ((wants, wanted), (driven, answers)) = (sync_channel(1), sync_channel(1));
-        *make.lock().expect("not poisoned") = Some(Learner {
-            minutes,
-            wants,
-            answers,
-            worker,
-        });
-        let first = "learned/1/learn-1.rrd".into();
-        let link = Conducted {
-            wanted,
-            driven,
-            first,
-        };
-        (job, link)
+        assert_eq!(minutes, 10.0);
+        let (learner, given) = Learner::new("learned/1/learn-1.rrd");
+        *make.lock().expect("not poisoned") = Some(learner);
+        given
     });
-    let (twin, handle) = twin(resting(1.0, moves_hardware, Mode::Hold));
+    let (twin, handle) = twin(connected(1.0, moves_hardware, Mode::Hold));
     let mut h = opened(handle, outside);
     click(&mut h, "Step 7 Learn: unchanged");
     click(&mut h, "● Learn this arm");
@@ -79,39 +44,20 @@ fn click(h: &mut Harness<'_, App>, label: &str) {
     h.run_steps(3);
 }
 
-fn plans(commands: &[Command]) -> Vec<&Plan> {
-    let plans = commands.iter().filter_map(|c| match c {
-        Command::Start(plan) => Some(plan),
-        _ => None,
-    });
-    plans.collect()
-}
-
 /// The arm drives what is wanted to its end, and the recording is closed.
-fn driven(twin: &super::super::Twin, h: &mut Harness<'static, App>, t_s: f64, hardware: bool) {
-    twin.publish(resting(t_s, hardware, Mode::Moving));
+fn driven(twin: &Twin, h: &mut Harness<'_, App>, t_s: f64, hardware: bool) {
+    twin.publish(connected(t_s, hardware, Mode::Moving));
     h.run_steps(2);
-    let done = Event::Finished {
-        stamp: Stamp::from_seconds(t_s + 60.0),
-        name: "loads".to_owned(),
-    };
-    twin.events.send(done).expect("room");
-    twin.publish(resting(t_s + 60.0, hardware, Mode::AtGoal));
-    h.run_steps(3);
-    let closed = Event::Recording {
-        stamp: Stamp::from_seconds(t_s + 60.1),
-        text: "Recorded learn.rrd (6000 snapshots).".to_owned(),
-    };
-    twin.events.send(closed).expect("room");
-    twin.publish(resting(t_s + 60.1, hardware, Mode::AtGoal));
-    h.run_steps(3);
+    let at_goal = |t_s: f64| connected(t_s, hardware, Mode::AtGoal);
+    finished(twin, h, "loads", at_goal(t_s + 60.0));
+    let text = "Recorded learn.rrd (6000 snapshots).";
+    closed(twin, h, text, at_goal(t_s + 60.1));
 }
 
 #[test]
 fn it_drives_records_and_shows_the_error_before_and_after() {
     let (twin, mut h, learner) = begun(false);
-    assert_eq!(learner.minutes, 10.0);
-    learner.want(1);
+    want(&learner, 1);
     h.run_steps(4);
     let commands = twin.taken();
     let record = Command::StartRecording("learned/1/learn-1.rrd".into());
@@ -145,7 +91,7 @@ fn it_drives_records_and_shows_the_error_before_and_after() {
 #[test]
 fn hardware_is_asked_once_and_a_hold_ends_it() {
     let (twin, mut h, learner) = begun(true);
-    learner.want(1);
+    want(&learner, 1);
     h.run_steps(4);
     assert_eq!(plans(&twin.taken()).len(), 0, "nobody has agreed");
     let place = h.get_by_label("▶ Hold to drive it").rect().center();
@@ -158,12 +104,12 @@ fn hardware_is_asked_once_and_a_hold_ends_it() {
     assert_eq!(learner.answers.try_recv(), Ok(Ok(())));
     twin.taken();
     // The second one begins by itself.
-    learner.want(2);
+    want(&learner, 2);
     h.run_steps(4);
     assert_eq!(plans(&twin.taken()).len(), 1);
-    twin.publish(resting(70.0, true, Mode::Moving));
+    twin.publish(connected(70.0, true, Mode::Moving));
     h.run_steps(2);
-    twin.publish(resting(71.0, true, Mode::Hold));
+    twin.publish(connected(71.0, true, Mode::Hold));
     h.run_steps(3);
     assert_eq!(twin.taken(), [Command::StopRecording]);
     let held = learner.answers.try_recv();
@@ -173,14 +119,14 @@ fn hardware_is_asked_once_and_a_hold_ends_it() {
 #[test]
 fn a_hold_between_two_excitations_ends_it_too() {
     let (twin, mut h, learner) = begun(false);
-    learner.want(1);
+    want(&learner, 1);
     h.run_steps(4);
     driven(&twin, &mut h, 2.0, false);
     assert_eq!(learner.answers.try_recv(), Ok(Ok(())));
     twin.taken();
-    twin.publish(resting(63.0, false, Mode::Hold));
+    twin.publish(connected(63.0, false, Mode::Hold));
     h.run_steps(3);
-    learner.want(2);
+    want(&learner, 2);
     h.run_steps(4);
     assert_eq!(plans(&twin.taken()).len(), 0);
     let held = learner.answers.try_recv();
@@ -190,7 +136,7 @@ fn a_hold_between_two_excitations_ends_it_too() {
 #[test]
 fn nothing_is_learned_from_an_arm_that_nobody_sees() {
     let shelf = Shelf::default();
-    let mut unseen = resting(1.0, false, Mode::Hold);
+    let mut unseen = connected(1.0, false, Mode::Hold);
     unseen.truth = None;
     let (_twin, handle) = twin(unseen);
     let mut h = opened(handle, services(&shelf));

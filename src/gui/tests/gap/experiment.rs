@@ -1,42 +1,18 @@
 //! The finder drives the arm with the window: it asks, it is recorded, and STOP and HOLD end it.
 
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-
 use super::*;
-use crate::gui::services::conduct::{Conducted, Wanted};
-use crate::task::{Leg, Plan, Programme};
+use crate::gui::tests::conduct::{Asking, closed, connected, finished, plans};
+use crate::task::Leg;
+
+/// Where the first excitation is recorded.
+const FIRST: &str = "data/experiments/1/round-1.rrd";
 
 /// The finder's end of an experiment.
-struct Finder {
-    wants: SyncSender<Wanted>,
-    answers: Receiver<Result<(), String>>,
-    worker: Worker<Result<Arc<Found>, GapError>>,
-}
+type Finder = Asking<Result<Arc<Found>, GapError>>;
 
-impl Finder {
-    fn want(&self, name: &str) {
-        let wanted = Wanted {
-            programme: Programme {
-                name: name.to_owned(),
-                seconds: 30.0,
-                ..Programme::default()
-            },
-            why: format!("'{name}' for 30 s: separates them"),
-            record: "data/experiments/1/round-1.rrd".into(),
-        };
-        self.wants.send(wanted).expect("the window listens");
-    }
-}
-
-fn connected(t_s: f64, moves_hardware: bool, mode: Mode) -> Snapshot {
-    let mut s = fixture::snapshot(t_s);
-    s.mode = mode;
-    s.recording = None;
-    s.link.connected = true;
-    s.link.simulated = !moves_hardware;
-    s.link.practice = !moves_hardware;
-    s.link.board_simulated = [Some(!moves_hardware); 2];
-    s
+fn want(finder: &Finder, name: &str) {
+    let why = format!("'{name}' for 30 s: separates them");
+    finder.want(name, 30.0, &why, FIRST);
 }
 
 /// A window on the Gap screen with a kept baseline, and an experiment begun; its finder.
@@ -48,22 +24,9 @@ fn begun(moves_hardware: bool) -> (Twin, Harness<'static, App>, Finder) {
     let make = Rc::clone(&made);
     services.gap.experiment = Box::new(move |baseline, payload_kg| {
         assert_eq!((baseline, payload_kg), (Path::new(KEPT), 0.0));
-        let (job, worker) = Job::pair();
-        let ((wants, wanted), (driven, answers)) = (sync_channel(1), sync_channel(1));
-        *make.borrow_mut() = Some(Finder {
-            wants,
-            answers,
-            worker,
-        });
-        let first = "data/experiments/1/round-1.rrd".into();
-        (
-            job,
-            Conducted {
-                wanted,
-                driven,
-                first,
-            },
-        )
+        let (finder, given) = Finder::new(FIRST);
+        *make.borrow_mut() = Some(finder);
+        given
     });
     let mut first = connected(1.0, moves_hardware, Mode::Hold);
     first.payload_kg = 0.0;
@@ -77,21 +40,13 @@ fn begun(moves_hardware: bool) -> (Twin, Harness<'static, App>, Finder) {
     (twin, h, finder)
 }
 
-fn plans(commands: &[Command]) -> Vec<&Plan> {
-    let plans = commands.iter().filter_map(|c| match c {
-        Command::Start(plan) => Some(plan),
-        _ => None,
-    });
-    plans.collect()
-}
-
 #[test]
 fn on_the_virtual_rig_it_drives_and_records_what_the_finder_wants() {
     let (twin, mut h, finder) = begun(false);
-    finder.want("loads");
+    want(&finder, "loads");
     h.run_steps(4);
     let commands = twin.taken();
-    let record = Command::StartRecording("data/experiments/1/round-1.rrd".into());
+    let record = Command::StartRecording(FIRST.into());
     assert!(commands.contains(&record), "{commands:?}");
     let [plan] = plans(&commands)[..] else {
         panic!("one plan: {commands:?}");
@@ -103,28 +58,17 @@ fn on_the_virtual_rig_it_drives_and_records_what_the_finder_wants() {
     twin.publish(connected(2.0, false, Mode::Moving));
     h.run_steps(2);
     assert!(finder.answers.try_recv().is_err());
-    let done = Event::Finished {
-        stamp: Stamp::from_seconds(32.0),
-        name: "loads".to_owned(),
-    };
-    twin.events.send(done).expect("room");
-    twin.publish(connected(32.0, false, Mode::AtGoal));
-    h.run_steps(3);
+    finished(&twin, &mut h, "loads", connected(32.0, false, Mode::AtGoal));
     assert_eq!(twin.taken(), [Command::StopRecording]);
-    let closed = Event::Recording {
-        stamp: Stamp::from_seconds(32.1),
-        text: "Recorded round-1.rrd (3000 snapshots).".to_owned(),
-    };
-    twin.events.send(closed).expect("room");
-    twin.publish(connected(32.1, false, Mode::AtGoal));
-    h.run_steps(3);
+    let text = "Recorded round-1.rrd (3000 snapshots).";
+    closed(&twin, &mut h, text, connected(32.1, false, Mode::AtGoal));
     assert_eq!(finder.answers.try_recv(), Ok(Ok(())));
 }
 
 #[test]
 fn a_hold_ends_it_and_hardware_is_asked_for_every_excitation() {
     let (twin, mut h, finder) = begun(false);
-    finder.want("steps");
+    want(&finder, "steps");
     h.run_steps(4);
     twin.publish(connected(2.0, false, Mode::Moving));
     h.run_steps(2);
@@ -143,7 +87,7 @@ fn a_hold_ends_it_and_hardware_is_asked_for_every_excitation() {
     h.get_by_label_contains("ended without a verdict");
 
     let (twin, mut h, finder) = begun(true);
-    finder.want("holds");
+    want(&finder, "holds");
     h.run_steps(4);
     assert_eq!(plans(&twin.taken()).len(), 0);
     h.get_by_label("▶ Hold to drive it");
