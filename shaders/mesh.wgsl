@@ -25,8 +25,8 @@ const FRAMES: u32 = 33u;
 const TAU: f32 = 6.2831853;
 
 @group(0) @binding(0) var<uniform> globals: Globals;
-// Three rows of a 3x4 transform per frame; FRAMES frames for each of segment 1, segment 2, and their ghosts.
-@group(0) @binding(1) var<uniform> frames: array<vec4f, 396>;
+// Three rows of a 3x4 transform per frame; FRAMES frames for each of segment 1, segment 2, and those of two ghosts.
+@group(0) @binding(1) var<uniform> frames: array<vec4f, 594>;
 @group(1) @binding(0) var shadow_map: texture_depth_2d;
 @group(1) @binding(1) var shadow_sampler: sampler_comparison;
 

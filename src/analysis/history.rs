@@ -1,8 +1,8 @@
 //! Signals over time in columns, with a min/max pyramid for plots.
 //!
 //! Times are f64 seconds, values f32 in display units (mm, deg, kPa). A channel without a new sample in a
-//! snapshot gets no value in that row. With its extremes a value takes 5.1 bytes: the 106 channels over ten
-//! minutes are 33 MB at 100 Hz and 325 MB at 1 kHz, and a live history never grows beyond.
+//! snapshot gets no value in that row. With its extremes a value takes 5.1 bytes: the 131 channels over ten
+//! minutes are 40 MB at 100 Hz and 401 MB at 1 kHz, and a live history never grows beyond.
 
 mod stats;
 mod store;
@@ -17,7 +17,7 @@ use store::{Drawn, Store};
 
 use super::decimate::{lines, slot_s};
 use crate::signal::{
-    ArmShape, CHAMBERS, GroundTruth, IMUS, Pose, RawFrame, SPRINGS, SensorFrame, Snapshot, Stamp,
+    CHAMBERS, GroundTruth, IMUS, Pose, RawFrame, SPRINGS, SensorFrame, SensorVec, Snapshot, Stamp,
     pose_between, pose_error, ypr_from_rotation,
 };
 
@@ -54,6 +54,12 @@ pub enum Channel {
     ImuResidual(usize, usize),
     /// Declared mass in the gripper, g.
     Payload,
+    /// As [`Self::SpringResidual`], of the model that is tried beside the twin's own.
+    SpringTried(usize),
+    /// As [`Self::ImuResidual`], of the model that is tried beside the twin's own.
+    ImuTried(usize, usize),
+    /// How far twin and arm disagree, over the limit.
+    Disagreement,
 }
 
 const IMU_0: usize = SPRINGS;
@@ -67,7 +73,10 @@ const GYRO_0: usize = SPRING_RAW_0 + SPRINGS;
 const SPRING_RESIDUAL_0: usize = GYRO_0 + 3 * IMUS;
 const IMU_RESIDUAL_0: usize = SPRING_RESIDUAL_0 + SPRINGS;
 const PAYLOAD: usize = IMU_RESIDUAL_0 + 3 * IMUS;
-const COLUMNS: usize = PAYLOAD + 1;
+const SPRING_TRIED_0: usize = PAYLOAD + 1;
+const IMU_TRIED_0: usize = SPRING_TRIED_0 + SPRINGS;
+const DISAGREEMENT: usize = IMU_TRIED_0 + 3 * IMUS;
+const COLUMNS: usize = DISAGREEMENT + 1;
 
 /// Names of the pose components, in the order of [`Channel::Tip`].
 pub const POSE_NAMES: [&str; 6] = ["x", "y", "z", "yaw", "pitch", "roll"];
@@ -87,14 +96,18 @@ impl Channel {
             Self::SpringResidual(i) => SPRING_RESIDUAL_0 + i,
             Self::ImuResidual(i, k) => IMU_RESIDUAL_0 + 3 * i + k,
             Self::Payload => PAYLOAD,
+            Self::SpringTried(i) => SPRING_TRIED_0 + i,
+            Self::ImuTried(i, k) => IMU_TRIED_0 + 3 * i + k,
+            Self::Disagreement => DISAGREEMENT,
         }
     }
 
     /// Unit on screen.
     pub fn unit(self) -> &'static str {
         match self {
-            Self::Spring(_) | Self::SpringResidual(_) => "mm",
-            Self::Imu(..) | Self::ImuResidual(..) => "deg",
+            Self::Spring(_) | Self::SpringResidual(_) | Self::SpringTried(_) => "mm",
+            Self::Imu(..) | Self::ImuResidual(..) | Self::ImuTried(..) => "deg",
+            Self::Disagreement => "",
             Self::SpringRaw(_) => "kHz",
             Self::Gyro(..) => "deg/s",
             Self::Payload => "g",
@@ -143,20 +156,47 @@ pub fn spring_khz(raw: &RawFrame, i: usize) -> f64 {
         * 1e-3
 }
 
-/// Measured length of spring `i` (0-based) less the model's, mm.
-pub fn spring_residual_mm(frame: &SensorFrame, shape: &ArmShape, i: usize) -> f64 {
+/// Measured length of spring `i` (0-based) less that of the twin's own model, mm; NaN without either.
+pub fn spring_residual_mm(snapshot: &Snapshot, i: usize) -> f64 {
+    let (Some(frame), Some(shape)) = (&snapshot.sensors, &snapshot.shape) else {
+        return f64::NAN;
+    };
+    if let Some(reads) = &snapshot.model_sensors {
+        return spring_off_mm(frame, reads, i);
+    }
     let [top, bottom] = shape.spring_ends_m[i];
     let squares: f64 = (0..3).map(|k| (bottom[k] - top[k]).powi(2)).sum();
     (frame.sensors.spring_m[i] - squares.sqrt()) * 1e3
 }
 
-/// Yaw, pitch, roll under IMU `i` (0-based) less the model's, deg.
-pub fn imu_residual_deg(frame: &SensorFrame, shape: &ArmShape, i: usize) -> [f64; 3] {
+/// Yaw, pitch, roll under IMU `i` (0-based) less those of the twin's own model, deg; NaN without either.
+pub fn imu_residual_deg(snapshot: &Snapshot, i: usize) -> [f64; 3] {
+    let (Some(frame), Some(shape)) = (&snapshot.sensors, &snapshot.shape) else {
+        return [f64::NAN; 3];
+    };
+    if let Some(reads) = &snapshot.model_sensors {
+        return imu_off_deg(frame, reads, i);
+    }
     let model = ypr_from_rotation(&shape.base_from_pad[1 + i / 2].rotation);
+    turned_deg(frame.sensors.imu_ypr_rad[i], model)
+}
+
+/// Angles less others, deg, within ±180.
+fn turned_deg(measured_rad: [f64; 3], model_rad: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|k| {
-        let d = (frame.sensors.imu_ypr_rad[i][k] - model[k]).to_degrees();
+        let d = (measured_rad[k] - model_rad[k]).to_degrees();
         d - 360.0 * (d / 360.0).round()
     })
+}
+
+/// Measured length of spring `i` (0-based) less what the model reads, mm.
+fn spring_off_mm(frame: &SensorFrame, reads: &SensorVec, i: usize) -> f64 {
+    (frame.sensors.spring_m[i] - reads.spring_m[i]) * 1e3
+}
+
+/// Yaw, pitch, roll under IMU `i` (0-based) less what the model reads, deg.
+fn imu_off_deg(frame: &SensorFrame, reads: &SensorVec, i: usize) -> [f64; 3] {
+    turned_deg(frame.sensors.imu_ypr_rad[i], reads.imu_ypr_rad[i])
 }
 
 /// Length of the translation error (mm) and angle of the rotation error (deg).
@@ -183,6 +223,7 @@ pub struct History {
     seen_estimate: Option<Stamp>,
     seen_truth: Option<Stamp>,
     seen_command: Option<Stamp>,
+    seen_disagreement_s: Option<f64>,
     estimates: VecDeque<(Stamp, Pose)>,
     waiting_truths: VecDeque<GroundTruth>,
     /// Instants of the rows that left a truth without an estimate, s.
@@ -204,6 +245,7 @@ impl History {
             seen_estimate: None,
             seen_truth: None,
             seen_command: None,
+            seen_disagreement_s: None,
             estimates: VecDeque::new(),
             waiting_truths: VecDeque::new(),
             excluded: VecDeque::new(),
@@ -299,7 +341,7 @@ impl History {
         }
         let row = self.row_of(snapshot);
         // While no data come, those that are there stay.
-        let has_data = (0..COLUMNS).any(|c| c != PAYLOAD && row[c].is_finite());
+        let has_data = (0..PAYLOAD).any(|c| row[c].is_finite());
         if self.keep_s.is_finite() && !snapshot.link.connected && !self.is_empty() && !has_data {
             return;
         }
@@ -317,6 +359,12 @@ impl History {
         let mut row = [f32::NAN; COLUMNS];
         let mut set = |channel: Channel, value: f64| row[channel.column()] = value as f32;
         set(Channel::Payload, snapshot.payload_kg * 1e3);
+        // The monitor judges once in a second.
+        if let Some(d) = &snapshot.disagreement
+            && self.seen_disagreement_s.replace(d.t_s) != Some(d.t_s)
+        {
+            set(Channel::Disagreement, d.ratio);
+        }
         if let Some(r) = &snapshot.raw
             && self.seen_raw.replace(r.stamp) != Some(r.stamp)
         {
@@ -343,13 +391,25 @@ impl History {
             for i in (0..CHAMBERS).filter(|&i| s.health.chambers[i].usable()) {
                 set(Channel::ChamberMeasured(i), s.chamber_pa[i] * 1e-3);
             }
-            if let Some(shape) = &snapshot.shape {
+            if snapshot.shape.is_some() {
                 for i in (0..SPRINGS).filter(|&i| s.health.springs[i].usable()) {
-                    set(Channel::SpringResidual(i), spring_residual_mm(s, shape, i));
+                    set(Channel::SpringResidual(i), spring_residual_mm(snapshot, i));
                 }
                 for i in (0..IMUS).filter(|&i| s.health.imus[i].usable()) {
-                    for (k, v) in imu_residual_deg(s, shape, i).into_iter().enumerate() {
+                    for (k, v) in imu_residual_deg(snapshot, i).into_iter().enumerate() {
                         set(Channel::ImuResidual(i, k), v);
+                    }
+                }
+            }
+            let tried = snapshot.tried.as_ref();
+            if let Some(tried) = tried.and_then(|t| t.predicted.as_deref()) {
+                for i in (0..SPRINGS).filter(|&i| s.health.springs[i].usable()) {
+                    set(Channel::SpringTried(i), spring_off_mm(s, &tried.sensors, i));
+                }
+                for i in (0..IMUS).filter(|&i| s.health.imus[i].usable()) {
+                    let off_deg = imu_off_deg(s, &tried.sensors, i);
+                    for (k, v) in off_deg.into_iter().enumerate() {
+                        set(Channel::ImuTried(i, k), v);
                     }
                 }
             }

@@ -17,6 +17,30 @@ pub enum AtEnd {
     Loop,
 }
 
+/// What moves a player, as the keys of video editors do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transport {
+    /// Play or pause.
+    Toggle,
+    /// Pause.
+    Pause,
+    /// Play forwards; again at twice the speed.
+    Forwards,
+    /// Play backwards; again at twice the speed.
+    Backwards,
+    /// Pause at the next sample.
+    Next,
+    /// Pause at the previous sample.
+    Previous,
+    /// Go to the first sample.
+    Start,
+    /// Go to the last sample.
+    End,
+}
+
+/// Speeds that can be chosen, in either direction, seconds of recording per second.
+pub const SPEEDS: [f64; 9] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
+
 /// How much more than what is shown is read of a long recording at its full rate, on either side, s.
 const BESIDE_S: f64 = 60.0;
 /// What is shown is read at the full rate when it is no longer than this, s.
@@ -51,7 +75,7 @@ pub struct Player {
     pub position_s: f64,
     /// Whether the position moves.
     pub playing: bool,
-    /// Seconds of recording per second.
+    /// Seconds of recording per second; negative backwards.
     pub speed: f64,
     /// What happens at the end.
     pub at_end: AtEnd,
@@ -190,23 +214,78 @@ impl Player {
         }
         let end = self.duration_s();
         self.position_s += dt_s * self.speed;
-        if self.position_s >= end {
-            match self.at_end {
-                AtEnd::Loop if end > 0.0 => self.position_s %= end,
-                _ => {
-                    self.position_s = end;
-                    self.playing = false;
-                }
+        if !self.is_over() {
+            return;
+        }
+        match self.at_end {
+            AtEnd::Loop if end > 0.0 => self.position_s = self.position_s.rem_euclid(end),
+            _ => {
+                self.position_s = self.position_s.clamp(0.0, end);
+                self.playing = false;
             }
         }
     }
 
-    /// Plays or pauses; at the end plays from the start.
+    /// Whether the position is at the end that the direction of play leads to.
+    fn is_over(&self) -> bool {
+        match self.speed < 0.0 {
+            true => self.position_s <= 0.0,
+            false => self.position_s >= self.duration_s(),
+        }
+    }
+
+    /// Plays or pauses; at the end plays from the start, forwards.
     pub fn toggle(&mut self) {
-        if !self.playing && self.position_s >= self.duration_s() {
+        if !self.playing && self.is_over() {
             self.position_s = 0.0;
+            self.speed = self.speed.abs();
         }
         self.playing = !self.playing;
+    }
+
+    /// Moves as a key or button of the player asks.
+    pub fn drive(&mut self, by: Transport) {
+        match by {
+            Transport::Toggle => self.toggle(),
+            Transport::Pause => self.playing = false,
+            Transport::Forwards => self.play(1.0),
+            Transport::Backwards => self.play(-1.0),
+            Transport::Next => self.step(true),
+            Transport::Previous => self.step(false),
+            Transport::Start => self.position_s = 0.0,
+            Transport::End => self.position_s = self.duration_s(),
+        }
+    }
+
+    /// Plays in a direction (1 or -1): at real time, or twice as fast where it plays so already.
+    fn play(&mut self, direction: f64) {
+        let faster = self.playing && self.speed * direction > 0.0;
+        let fastest = SPEEDS[SPEEDS.len() - 1];
+        let speed = if faster { 2.0 * self.speed.abs() } else { 1.0 };
+        self.speed = speed.min(fastest) * direction;
+        self.playing = self.at_end == AtEnd::Loop || !self.is_over();
+    }
+
+    /// Pauses at the sample after or before the one that is shown.
+    fn step(&mut self, forward: bool) {
+        self.playing = false;
+        let beside = |trace: &Trace, shown: usize| {
+            let to = match forward {
+                true => shown.checked_add(1),
+                false => shown.checked_sub(1),
+            };
+            Some(trace.snapshots.get(to?)?.stamp.seconds())
+        };
+        let (trace, shown) = self.newest();
+        // At either end of a part that was read at the full rate, the whole recording goes on.
+        let to_s = beside(trace, shown).or_else(|| {
+            let now = self.now_s() + 1e-9;
+            let after = { &self.trace.snapshots }.partition_point(|s| s.stamp.seconds() <= now);
+            beside(&self.trace, after.checked_sub(1)?)
+        });
+        if let Some(to_s) = to_s {
+            self.position_s = (to_s - self.start_s()).clamp(0.0, self.duration_s());
+        }
     }
 
     /// The recording's name and where its data come from, for banners.
@@ -240,6 +319,75 @@ mod tests {
         p.advance(2.0);
         assert!(p.playing && (p.position_s - 0.02).abs() < 1e-9);
         assert!(Player::new(Trace::default()).is_none());
+    }
+
+    #[test]
+    fn either_direction_is_doubled_and_the_other_begins_at_real_time() {
+        let mut p = Player::new(fixture::trace("a", 20)).expect("not empty");
+        p.playing = false;
+        p.position_s = 10.0;
+        let mut after = |by: Transport| {
+            p.drive(by);
+            (p.playing, p.speed)
+        };
+        assert_eq!(after(Transport::Forwards), (true, 1.0));
+        assert_eq!(after(Transport::Forwards), (true, 2.0));
+        assert_eq!(after(Transport::Forwards), (true, 4.0));
+        assert_eq!(after(Transport::Backwards), (true, -1.0));
+        assert_eq!(after(Transport::Backwards), (true, -2.0));
+        assert_eq!(after(Transport::Pause), (false, -2.0));
+        assert_eq!(after(Transport::Backwards), (true, -1.0));
+        for _ in 0..20 {
+            after(Transport::Backwards);
+        }
+        assert_eq!(after(Transport::Backwards), (true, -64.0));
+        p.speed = -2.0;
+        p.playing = true;
+        p.advance(0.5);
+        assert!((p.position_s - 9.0).abs() < 1e-9);
+        // At the start it stops; played again, it goes forwards.
+        p.advance(5.0);
+        assert_eq!((p.position_s, p.playing), (0.0, false));
+        p.drive(Transport::Backwards);
+        assert!(!p.playing, "there is nothing before the start");
+        p.drive(Transport::Toggle);
+        assert!(p.playing && p.speed > 0.0);
+        // In a loop the end is before the start.
+        (p.speed, p.at_end, p.position_s) = (-1.0, AtEnd::Loop, 0.5);
+        p.advance(1.0);
+        assert!(p.playing && (p.position_s - (p.duration_s() - 0.5)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn steps_are_one_sample_long_and_end_at_the_ends() {
+        let mut p = Player::new(fixture::trace("a", 2)).expect("not empty");
+        let stamps: Vec<f64> = p
+            .trace()
+            .snapshots
+            .iter()
+            .map(|s| s.stamp.seconds())
+            .collect();
+        let shown = |p: &Player| p.snapshot().stamp.seconds();
+        // Between two samples: the shown one is the earlier.
+        p.position_s = 0.5 * (stamps[3] + stamps[4]) - stamps[0];
+        p.drive(Transport::Next);
+        assert_eq!((shown(&p), p.playing), (stamps[4], false));
+        p.drive(Transport::Next);
+        assert_eq!(shown(&p), stamps[5]);
+        for k in (0..5).rev() {
+            p.drive(Transport::Previous);
+            assert_eq!(shown(&p), stamps[k]);
+        }
+        p.drive(Transport::Previous);
+        assert_eq!(p.position_s, 0.0);
+        p.drive(Transport::End);
+        assert_eq!(p.position_s, p.duration_s());
+        p.drive(Transport::Next);
+        assert_eq!(p.position_s, p.duration_s());
+        p.drive(Transport::Previous);
+        assert_eq!(shown(&p), stamps[stamps.len() - 2]);
+        p.drive(Transport::Start);
+        assert_eq!(p.position_s, 0.0);
     }
 
     #[test]

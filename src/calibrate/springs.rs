@@ -1,6 +1,8 @@
 //! Springs: points from a bench, a log or by hand, and the verdict on each spring.
 
-use crate::sensing::bench::{BenchLog, BenchPoint, Direction, FitError, fit};
+use crate::sensing::bench::{
+    BenchLog, BenchPoint, Direction, FitError, curve_so_far, fit, residuals_m,
+};
 use crate::sensing::bench::{CAPACITANCE_F, COMPENSATION_H, Channel};
 use crate::sensing::calibration::{Curve, FitQuality, Quantity, SpringCalibration, inductance_h};
 use crate::sensing::spring::frequency_hz;
@@ -37,6 +39,15 @@ pub enum Verdict {
     },
 }
 
+/// A curve through captured points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CurveFit {
+    /// The curve, accepted or not.
+    pub curve: Curve,
+    /// Length by the curve less the true length, one per point in the order of the points, m.
+    pub residuals_m: Vec<f64>,
+}
+
 /// Points of one spring.
 #[derive(Clone, Debug)]
 pub struct SpringTake {
@@ -46,6 +57,7 @@ pub struct SpringTake {
     by_hand: bool,
     log_sha256: Option<String>,
     fitted: Option<Result<(Curve, FitQuality), FitError>>,
+    so_far: Option<CurveFit>,
     /// How often it was captured again.
     pub redone: u32,
 }
@@ -59,6 +71,7 @@ impl Default for SpringTake {
             by_hand: false,
             log_sha256: None,
             fitted: None,
+            so_far: None,
             redone: 0,
         }
     }
@@ -87,11 +100,37 @@ impl SpringTake {
         seen
     }
 
-    fn refit(&mut self, needed_m: [f64; 2]) {
-        let quantity = match self.circuit {
+    /// What the readings of the points are.
+    pub fn quantity(&self) -> Quantity {
+        match self.circuit {
             true => Quantity::CircuitReading,
             false => Quantity::InductanceUh,
-        };
+        }
+    }
+
+    /// The curve through the points captured so far, accepted or not; `None` while they determine none.
+    pub fn curve_fit(&self) -> Option<&CurveFit> {
+        self.so_far.as_ref()
+    }
+
+    /// What spring `i` (0-based) reads in a live frame, µH; `None` where the frame has no count of it, and for readings of a
+    /// circuit.
+    pub fn reading(&self, i: usize, raw: &RawFrame) -> Option<f64> {
+        if self.circuit || !raw.has_spring(i) {
+            return None;
+        }
+        let (counts, ticks) = (raw.spring_counts[i], raw.spring_gate_ticks[i]);
+        let hz = frequency_hz(counts, ticks, raw.spring_tick_rate_hz(i))?;
+        let of = &self.channel;
+        Some(inductance_h(hz, of.capacitance_f, of.compensation_h) * 1e6)
+    }
+
+    fn refit(&mut self, needed_m: [f64; 2]) {
+        let quantity = self.quantity();
+        self.so_far = curve_so_far(&self.points, quantity).map(|curve| CurveFit {
+            residuals_m: residuals_m(&curve, &self.points),
+            curve,
+        });
         self.fitted = (!self.points.is_empty()).then(|| fit(&self.points, quantity, needed_m));
     }
 
@@ -204,6 +243,7 @@ impl SpringsTake {
                 by_hand: false,
                 log_sha256: Some(log.sha256.clone()),
                 fitted: None,
+                so_far: None,
                 redone: old.redone + again,
             };
             take.refit(needed_m);

@@ -12,7 +12,7 @@ use super::user;
 use springtwin::calibrate::Store;
 use springtwin::control::Gains;
 use springtwin::drive::{Instruments, Resets, is_virtual};
-use springtwin::gap::{Commissioned, Monitor};
+use springtwin::gap::Commissioned;
 use springtwin::lab::gap_files::read_baseline;
 pub use springtwin::lab::ranges::{payload_in_range, pressures_in_range};
 use springtwin::link::wire::fault;
@@ -156,9 +156,7 @@ impl MonitorArgs {
 /// # Errors
 /// When it cannot be read, or is of another robot.
 pub fn watch(file: &Path, robot: &RobotSpec) -> anyhow::Result<Watch> {
-    let rig = commissioned(file)?;
-    let monitor = Monitor::new(robot, &rig).with_context(|| file.display().to_string())?;
-    Ok(Watch::new(monitor))
+    Watch::new(robot, commissioned(file)?).with_context(|| file.display().to_string())
 }
 
 /// The commissioned rig in a file.

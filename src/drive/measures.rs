@@ -7,6 +7,7 @@ use crate::control::virtual_output;
 use crate::learn::{ErrorStats, PlantMap, quantile};
 use crate::robot::RobotSpec;
 use crate::signal::{CHAMBERS, Goal, OrientationGoal, Pose, SPRINGS, SensorRef, pose_error};
+use crate::task::off_path_m;
 
 /// A chamber set this close to its bound counts as saturated, Pa.
 const SATURATED_PA: f64 = 50.0;
@@ -144,19 +145,7 @@ pub fn of_path(driven: &Driven, waypoints_m: &[[f64; 3]], robot: &RobotSpec) -> 
 
 /// Distance of the true tip from a closed path, both in the base frame, mm.
 pub fn from_path_mm(truth: &Pose, waypoints_m: &[[f64; 3]]) -> f64 {
-    let tip = truth.translation.vector;
-    let n = waypoints_m.len();
-    (0..n)
-        .map(|k| {
-            let (a, b) = (
-                Vector3::from(waypoints_m[k]),
-                Vector3::from(waypoints_m[(k + 1) % n]),
-            );
-            let along = b - a;
-            let share = ((tip - a).dot(&along) / along.norm_squared().max(1e-18)).clamp(0.0, 1.0);
-            (tip - a - along * share).norm() * 1e3
-        })
-        .fold(f64::INFINITY, f64::min)
+    off_path_m(&truth.translation.vector.into(), waypoints_m) * 1e3
 }
 
 /// Share of the steered rows with a chamber set to its bound.

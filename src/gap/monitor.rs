@@ -183,6 +183,11 @@ impl Monitor {
         self.likely.mute(name, muted)
     }
 
+    /// Effects that are known and count no longer.
+    pub fn muted(&self) -> Vec<String> {
+        self.likely.muted()
+    }
+
     /// Takes what was measured; judges once in a second and gives the verdict, else `None`.
     pub fn take(&mut self, m: Measured) -> Option<Disagreement> {
         match self.samples.back() {

@@ -4,7 +4,7 @@
 use super::replay::calibration_parameters;
 use crate::robot::RobotSpec;
 pub use crate::robot::{PATCH_VERSION as VERSION, Patch, PatchEffect, PatchLaw, PatchValue};
-pub use crate::sim::patch::PatchError;
+pub use crate::sim::patch::{Acts, PatchError};
 
 fn short(hash: &str) -> String {
     hash.chars().take(12).collect()

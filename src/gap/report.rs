@@ -15,8 +15,8 @@ pub use heat::{scale, thinned};
 use markup::{base64, escape, fixed, number, percent};
 pub use markup::{number as short_number, with_error};
 pub use words::{
-    Quantity, effect_name, equation, next_step, parameter, quantity, ranked_name, residual_name,
-    sentence, shuffled, verdict_name,
+    Quantity, effect_name, equation, next_step, parameter, plainly, quantity, ranked_name,
+    residual_name, sentence, shuffled, verdict_name,
 };
 
 /// What the session was recorded on.

@@ -13,13 +13,14 @@ use serde::{Deserialize, Serialize};
 
 use super::pace::Pace;
 use super::panels::connect::{self, Connection};
-use super::panels::operate::{self, Pane};
+use super::panels::operate::Pane;
 use super::panels::operating::{hold_gate, severity_level};
 use super::panels::palette::{self, Choice, CommandPalette};
-use super::panels::plot::TimeWindow;
+use super::panels::plot::{Chosen, TimeWindow};
+use super::panels::rec::Rec;
 use super::panels::recordings;
 use super::panels::shell::{self, KeyAction, Resume, ShellAction, ShellInput, Vent};
-use super::panels::toasts::Messages;
+use super::panels::toasts::{self, Messages};
 use super::panels::view3d::Shown;
 use super::screen::{Ctx, Known, Task};
 use super::screens::{ScreenId, Screens};
@@ -38,7 +39,9 @@ const STORAGE_KEY: &str = "springtwin window 1";
 /// What is kept from one start to the next.
 #[derive(Serialize, Deserialize)]
 struct Settings {
-    layout: egui_tiles::Tree<Pane>,
+    /// The panels as the operator arranged them; `None` while they follow the window's width.
+    #[serde(default)]
+    arranged: Option<egui_tiles::Tree<Pane>>,
     screen: ScreenId,
     dark: Option<bool>,
     span_s: f64,
@@ -48,6 +51,12 @@ struct Settings {
     view: Shown,
     #[serde(default)]
     recordings: Option<PathBuf>,
+    /// Names of the actions that were done last, the newest first.
+    #[serde(default)]
+    recent: Vec<String>,
+    /// Signals that are plotted by name.
+    #[serde(default)]
+    signals: Chosen,
 }
 
 /// How often progress is shown: where pictures are made in software, more would take the work's own time.
@@ -263,12 +272,14 @@ impl App {
         let kept = storage.and_then(|s| eframe::get_value::<Settings>(s, STORAGE_KEY));
         self.welcome |= storage.is_some() && !kept.as_ref().is_some_and(|k| k.welcomed);
         if let Some(settings) = kept {
-            if operate::is_complete(&settings.layout) {
-                self.screens.operate.tree = settings.layout;
+            if let Some(tree) = settings.arranged {
+                self.screens.operate.take_layout(tree);
             }
             self.screen = settings.screen;
             self.screens.operate.view3d.shown = settings.view;
             self.services.recordings.chosen = settings.recordings;
+            self.screens.operate.strips.chosen = settings.signals;
+            self.command_palette.take_recent(settings.recent);
             self.theme = settings
                 .dark
                 .map(|dark| if dark { Theme::Dark } else { Theme::Light });
@@ -354,9 +365,6 @@ impl App {
         let mut ctx = Ctx {
             live,
             shown: played.as_ref().map_or(live, |p| p.view(&self.spec)),
-            recording_s: self
-                .recording_since
-                .map(|since| snapshot.stamp.since(since)),
             twin_gone: self.twin_gone || self.handle.is_none(),
             window: &mut self.window,
             selected_spring: &mut self.selected_spring,
@@ -580,12 +588,12 @@ impl App {
                     commands.push(Command::Hold);
                 }
                 KeyAction::Hold => {}
-                KeyAction::Play if self.screen.replays() => {
+                KeyAction::Replay(by) if self.screen.replays() => {
                     if let Some(player) = &mut self.player {
-                        player.toggle();
+                        player.drive(by);
                     }
                 }
-                KeyAction::Play => {}
+                KeyAction::Replay(_) => {}
                 KeyAction::Keep => {
                     recordings::keep(&mut self.screens.library, &self.live, &mut self.services);
                 }
@@ -617,7 +625,7 @@ impl App {
         self.messages.pin_safe(&self.live.mode, now_s);
         let live_snapshot = Arc::clone(&self.live);
         let live = live_view(&live_snapshot, &self.live_history, &self.spec);
-        let title = self.player.as_ref().map(Player::title);
+        let title = self.player.as_ref().map(recordings::played_title);
         let recording_s = self
             .recording_since
             .map(|since| live_snapshot.stamp.since(since));
@@ -627,7 +635,6 @@ impl App {
             messages: &self.messages,
             window_s: now_s,
             joining: self.connection.joining(),
-            recording_s,
             twin: self.handle.is_some(),
             twin_gone: self.twin_gone,
             silent_s: self.silent_s(now_s),
@@ -642,10 +649,19 @@ impl App {
             .frame(bar(egui::Margin::symmetric(12, 4)))
             .show(ui, |ui| {
                 let controls = (&mut self.resume, &mut self.vent);
-                shell::top_bar(ui, &live, controls, commands)
+                let mut rec = Rec {
+                    library: &mut self.screens.library,
+                    services: &mut self.services,
+                    recording_s,
+                    twin_gone: self.twin_gone || self.handle.is_none(),
+                };
+                shell::top_bar(ui, &live, controls, &mut rec, commands)
             })
             .inner;
         if pressed.twin {
+            self.screens
+                .gap
+                .explain_live(&live_snapshot, &mut self.selected_spring);
             actions.push(ShellAction::Show(ScreenId::Gap));
         }
         // As high with and without something to say: nothing below it moves.
@@ -688,8 +704,10 @@ impl App {
                 twin_gone: self.twin_gone || self.handle.is_none(),
                 window: &self.window,
             };
-            let all = palette::entries(&known, &self.connection, &self.screens);
-            match self.command_palette.ui(&ctx, within, all) {
+            let typed = self.command_palette.typed();
+            let all = palette::entries(&known, &self.connection, &self.screens, typed);
+            let here = self.screen.name();
+            match self.command_palette.ui(&ctx, within, here, all) {
                 Some(Choice::Window(action)) => actions.push(action),
                 Some(Choice::Twin(command)) => commands.push(command),
                 Some(Choice::Screen(id, task)) => chosen = Some((id, task)),
@@ -719,6 +737,10 @@ impl App {
         if let Some(name) = wanted {
             self.connect(&name);
         }
+        if let Some((part, path)) = self.screens.library.for_gap.take() {
+            self.screens.gap.use_as(part, &path, &mut self.services);
+            self.screen = ScreenId::Gap;
+        }
     }
 
     fn act(&mut self, ctx: &egui::Context, action: ShellAction) {
@@ -732,11 +754,13 @@ impl App {
                 self.theme = Some(theme);
                 ctx.set_theme(theme);
             }
-            ShellAction::ResetLayout => self.screens.operate.tree = operate::default_layout(),
+            ShellAction::ResetLayout => self.screens.operate.reset_layout(),
             ShellAction::ToggleShortcuts => self.shortcuts_open = !self.shortcuts_open,
             ShellAction::TogglePalette => self.command_palette.toggle(),
             ShellAction::CloseWelcome => self.welcome = false,
             ShellAction::ShowWelcome => self.welcome = true,
+            ShellAction::ShowMessages => egui::Popup::open_id(ctx, toasts::list_id()),
+            ShellAction::ShowAlarms => egui::Popup::open_id(ctx, shell::alarms_id()),
             ShellAction::CancelConnecting => self.connection.cancel(),
             ShellAction::Connect(rig) => self.connect(rig),
             ShellAction::ChoosePort => self.connection.wanted = true,
@@ -765,13 +789,18 @@ impl eframe::App for App {
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
         let settings = Settings {
-            layout: self.screens.operate.tree.clone(),
+            arranged: match self.screens.operate.form {
+                Some(_) => None,
+                None => Some(self.screens.operate.tree.clone()),
+            },
             screen: self.screen,
             dark: self.theme.map(|t| t == Theme::Dark),
             span_s: self.window.span_s,
             welcomed: !self.welcome,
             view: self.screens.operate.view3d.shown,
             recordings: self.services.recordings.chosen.clone(),
+            recent: self.command_palette.recent(),
+            signals: self.screens.operate.strips.chosen.clone(),
         };
         eframe::set_value(storage, STORAGE_KEY, &settings);
     }

@@ -17,8 +17,6 @@ pub struct Ctx<'a> {
     pub live: View<'a>,
     /// The recording that is played, else the live twin.
     pub shown: View<'a>,
-    /// Duration of the running recording, s.
-    pub recording_s: Option<f64>,
     /// Whether there is no twin.
     pub twin_gone: bool,
     /// The time window of all plots.

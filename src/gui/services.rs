@@ -37,6 +37,28 @@ pub struct RecordingEntry {
     pub sample: bool,
     /// The operator's note and the texts of the marks.
     pub noted: Vec<String>,
+    /// When it began, if known without loading it.
+    pub begun: Option<Begun>,
+}
+
+/// When a recording began.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Begun {
+    /// Seconds since 1970, UTC.
+    pub unix_s: i64,
+    /// Local date and time of this computer, as `2026-11-23 14:05`.
+    pub local: String,
+}
+
+/// What a folder for recordings has left.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Space {
+    /// Bytes that may still be written there; `None` where the system does not report it.
+    pub free_bytes: Option<u64>,
+    /// What the recording that was named takes so far, bytes.
+    pub written_bytes: u64,
+    /// Local date and time now, as `2026-11-23 14:05`.
+    pub local: String,
 }
 
 /// What a file dialog asks for.
@@ -131,9 +153,13 @@ pub struct PortEntry {
 pub type Connector = Box<dyn FnMut(&str) -> Job<Connected>>;
 /// Looks for recordings in a folder of the operator's, and for those that came with the program.
 pub type Scanner = Box<dyn FnMut(&Path) -> Job<Vec<RecordingEntry>>>;
-/// Finds a path in a folder for a new recording, which is named after the local date and time. The folder is made
-/// when it is missing.
-pub type Namer = Box<dyn FnMut(&Path) -> Job<PathBuf>>;
+/// Finds a path in a folder for a new recording, which is named after the local date and time, and behind them after
+/// what the operator calls it (may be empty). The folder is made when it is missing.
+pub type Namer = Box<dyn FnMut(&Path, &str) -> Job<PathBuf>>;
+/// Gives a recording another name, with all that belongs to it, and answers with its path then. Nothing is replaced.
+pub type Renamer = Box<dyn FnMut(&Path, &str) -> Job<PathBuf>>;
+/// Measures what a folder has left, and what the recording of a name in it takes (no name: none).
+pub type SpaceMeter = Box<dyn FnMut(&Path, &str) -> Job<Space>>;
 /// Changes note and marks of a recording, and answers with them as they are then.
 pub type Annotator = Box<dyn FnMut(&Path, Vec<NoteChange>) -> Job<Annotations>>;
 /// Makes a recording in a folder of the last seconds of the rolling recording that begins with a file, with a note; answers
@@ -190,6 +216,10 @@ pub struct Services {
     pub start_viewer: Box<dyn FnMut() -> Job<SocketAddr>>,
     /// Finds a path for a new recording.
     pub new_recording: Namer,
+    /// Gives a recording another name.
+    pub rename: Renamer,
+    /// Measures the space that is left for recordings.
+    pub space: SpaceMeter,
     /// A native file dialog.
     pub pick: PathPicker,
     /// Writes a small file (a table, a report) whole or not at all.
@@ -222,7 +252,9 @@ impl Services {
             }),
             open_in_rerun: Box::new(move |_| Job::ready(Err(no("open other programs")))),
             start_viewer: Box::new(move || Job::ready(Err(no("open other programs")))),
-            new_recording: Box::new(|folder| Job::ready(Ok(folder.join("recording.rrd")))),
+            new_recording: Box::new(|folder, _| Job::ready(Ok(folder.join("recording.rrd")))),
+            rename: Box::new(move |_, _| Job::ready(Err(no("rename files")))),
+            space: Box::new(|_, _| Job::ready(Ok(Space::default()))),
             pick: Box::new(|_| Job::ready(Ok(Picked::NoDialog))),
             write: Box::new(move |_, _, _| Job::ready(Err(no("write files")))),
             ports: Box::new(|| Job::ready(Ok(Vec::new()))),

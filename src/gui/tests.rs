@@ -491,13 +491,13 @@ fn recordings_are_listed_loaded_and_made() {
     };
     let mut h = harness(app);
     h.run_steps(3);
-    assert!(is_disabled(&h, "Load and play"));
+    assert!(h.query_by_label("Load and play").is_none());
     h.get_by_label("circle-35g").click();
     h.run_steps(2);
     h.get_by_label("Load and play").click();
     h.run_steps(3);
     assert!(h.state().player.is_some());
-    h.get_by_label("● Record").click();
+    h.get_by_label("● REC").click();
     h.run_steps(2);
     assert_eq!(
         twin.taken(),
@@ -564,8 +564,7 @@ fn library_services() -> Services {
         seconds: Some(seconds),
         simulated: Some(true),
         note: note.map(str::to_owned),
-        sample: false,
-        noted: Vec::new(),
+        ..RecordingEntry::default()
     };
     Services {
         scan: Box::new(move |_| {

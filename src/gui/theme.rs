@@ -53,6 +53,8 @@ pub struct Palette {
     pub selected: Color32,
     /// Bars of normal values.
     pub bar: Color32,
+    /// Ticks of what is ready.
+    pub ready: Color32,
     /// Text and marks of warnings.
     pub warning: Color32,
     /// Text and marks of critical states.
@@ -78,6 +80,7 @@ const DARK: Palette = Palette {
     weak: Color32::from_rgb(0xa9, 0xb0, 0xb8),
     selected: Color32::from_rgb(0x3b, 0x50, 0x66),
     bar: Color32::from_rgb(0x7d, 0x88, 0x94),
+    ready: Color32::from_rgb(0x5f, 0xd3, 0x8f),
     warning: Color32::from_rgb(0xff, 0xb9, 0x4f),
     critical: Color32::from_rgb(0xff, 0x8d, 0x83),
     critical_fill: Color32::from_rgb(0xc6, 0x28, 0x28),
@@ -104,6 +107,7 @@ const LIGHT: Palette = Palette {
     weak: Color32::from_rgb(0x4b, 0x53, 0x5c),
     selected: Color32::from_rgb(0xbf, 0xd0, 0xe0),
     bar: Color32::from_rgb(0x7b, 0x86, 0x92),
+    ready: Color32::from_rgb(0x16, 0x66, 0x3a),
     warning: Color32::from_rgb(0x7d, 0x48, 0x00),
     critical: Color32::from_rgb(0xa8, 0x1c, 0x16),
     critical_fill: Color32::from_rgb(0xc6, 0x28, 0x28),
@@ -173,6 +177,11 @@ impl Palette {
         stops[i].lerp_to_gamma(stops[i + 1], (at - i as f64) as f32)
     }
 
+    /// The colour of a patch that is tried beside the twin's own model.
+    pub fn tried(&self) -> Color32 {
+        self.series[4]
+    }
+
     /// The colour of a signal, the same on every screen. Springs share the colour of their X pair
     /// (the second of a pair is drawn dashed), set pressures that of their chamber; ground truth is
     /// neutral.
@@ -182,7 +191,8 @@ impl Palette {
                 self.series[i / 2]
             }
             Channel::Imu(i, _) | Channel::Gyro(i, _) | Channel::ImuResidual(i, _) => self.series[i],
-            Channel::Payload => self.text,
+            Channel::Payload | Channel::Disagreement => self.text,
+            Channel::SpringTried(_) | Channel::ImuTried(..) => self.tried(),
             Channel::ChamberMeasured(i) | Channel::ChamberSet(i) => self.series[i],
             Channel::Tip(i) => self.series[i],
             Channel::Truth(_) => self.text,
@@ -293,7 +303,7 @@ mod tests {
         for theme in [Theme::Dark, Theme::Light] {
             let p = Palette::of(theme);
             let surfaces = [p.window, p.panel, p.raised, p.sunken];
-            for text in [p.text, p.weak, p.warning, p.critical] {
+            for text in [p.text, p.weak, p.ready, p.warning, p.critical] {
                 for surface in surfaces {
                     let c = contrast(of(text), of(surface));
                     assert!(c >= 4.5, "{theme:?}: {text:?} on {surface:?} has {c:.2}");

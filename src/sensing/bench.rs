@@ -432,10 +432,7 @@ pub fn fit(
     quantity: Quantity,
     needed_m: [f64; 2],
 ) -> Result<(Curve, FitQuality), FitError> {
-    let mut lengths_m: Vec<f64> = points.iter().map(|p| p.length_m).collect();
-    lengths_m.sort_by(f64::total_cmp);
-    // Stops closer than 10 µm are one stop of the motor.
-    lengths_m.dedup_by(|a, b| (*a - *b).abs() < 10e-6);
+    let lengths_m = stops_m(points);
     let (Some(&shortest_m), Some(&longest_m)) = (lengths_m.first(), lengths_m.last()) else {
         return Err(FitError::TooFew { lengths: 0 });
     };
@@ -450,17 +447,46 @@ pub fn fit(
             needed_m,
         });
     }
+    let (curve, quality) = judged(points, quantity, &lengths_m).ok_or(FitError::Degenerate)?;
+    if quality.held_out_rmse_m > HELD_OUT_LIMIT_M {
+        return Err(FitError::Inaccurate { quality });
+    }
+    if !curve.is_monotone() {
+        return Err(FitError::NotMonotone { quality });
+    }
+    Ok((curve, quality))
+}
+
+/// Different lengths of the points, shortest first, m.
+fn stops_m(points: &[BenchPoint]) -> Vec<f64> {
+    let mut lengths_m: Vec<f64> = points.iter().map(|p| p.length_m).collect();
+    lengths_m.sort_by(f64::total_cmp);
+    // Stops closer than 10 µm are one stop of the motor.
+    lengths_m.dedup_by(|a, b| (*a - *b).abs() < 10e-6);
+    lengths_m
+}
+
+/// In what a quartic of these points can be one.
+fn variables(points: &[BenchPoint]) -> Vec<Variable> {
+    match points.iter().all(|p| p.reading > 0.0) {
+        true => vec![Variable::Reading, Variable::Reciprocal],
+        false => vec![Variable::Reading],
+    }
+}
+
+/// The quartic with the smallest held-out error, and its errors; `None` where the readings determine none.
+fn judged(
+    points: &[BenchPoint],
+    quantity: Quantity,
+    lengths_m: &[f64],
+) -> Option<(Curve, FitQuality)> {
     let stop = |p: &BenchPoint| {
         lengths_m
             .partition_point(|l| *l < p.length_m - 10e-6)
             .min(lengths_m.len() - 1)
     };
-    let mut variables = vec![Variable::Reading];
-    if points.iter().all(|p| p.reading > 0.0) {
-        variables.push(Variable::Reciprocal);
-    }
     let mut best: Option<(Curve, FitQuality)> = None;
-    for variable in variables {
+    for variable in variables(points) {
         let Some(curve) = quartic(points, quantity, variable) else {
             continue;
         };
@@ -475,14 +501,31 @@ pub fn fit(
             best = Some((curve, quality));
         }
     }
-    let (curve, quality) = best.ok_or(FitError::Degenerate)?;
-    if quality.held_out_rmse_m > HELD_OUT_LIMIT_M {
-        return Err(FitError::Inaccurate { quality });
+    best
+}
+
+/// Least squares quartic of points so far, without a verdict: the one that [`fit`] judges, accepted or not. `None` below six
+/// different lengths (a quartic through five has no residuals), and where the readings determine none.
+pub fn curve_so_far(points: &[BenchPoint], quantity: Quantity) -> Option<Curve> {
+    let lengths_m = stops_m(points);
+    if lengths_m.len() < 6 {
+        return None;
     }
-    if !curve.is_monotone() {
-        return Err(FitError::NotMonotone { quality });
+    if let Some((curve, _)) = judged(points, quantity, &lengths_m) {
+        return Some(curve);
     }
-    Ok((curve, quality))
+    let square = |c: &Curve| residuals_m(c, points).iter().map(|r| r * r).sum::<f64>();
+    let curves = variables(points).into_iter();
+    curves
+        .filter_map(|variable| quartic(points, quantity, variable))
+        .min_by(|a, b| square(a).total_cmp(&square(b)))
+}
+
+/// Length by a curve less the true length, per point, m.
+pub fn residuals_m(curve: &Curve, points: &[BenchPoint]) -> Vec<f64> {
+    let all = points.iter();
+    all.map(|p| curve.extended_m(p.reading) - p.length_m)
+        .collect()
 }
 
 /// Least squares quartic on the basis scaled to the readings' range.

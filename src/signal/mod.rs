@@ -52,8 +52,8 @@ pub use random::stream;
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
     ArmingCheck, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, HostDelay, LinkStatus, Mode,
-    NewFrames, PAIR_S, Reach, ReachState, RollingStatus, RoutineStatus, SETTLING_FRAMES, Snapshot,
-    StreamState, StreamStatus, Trace, TruthSource,
+    NewFrames, PAIR_S, Predicted, Reach, ReachState, RollingStatus, RoutineStatus, SETTLING_FRAMES,
+    Snapshot, StreamState, StreamStatus, Trace, TriedPatch, TruthSource,
 };
 pub use syntax::toml_error;
 pub use time::Stamp;

@@ -166,7 +166,7 @@ impl Evidence {
 
     fn probability(&self) -> String {
         match self.probability > FAULT_OPEN {
-            true => format!(" (probability {})", percent(self.probability)),
+            true => format!(" (probability of a fault {})", percent(self.probability)),
             false => String::new(),
         }
     }
@@ -178,9 +178,9 @@ impl Evidence {
         let what = match (self.health, self.off_m) {
             (ChannelHealth::Ok, _) => return format!("{name} is delivered and plausible."),
             (ChannelHealth::Suspect, Some(off_m)) => format!(
-                "{name} reads {:.1} mm {} than the other sensors allow{p}: check its hooks and plug",
+                "{name} reads {:.1} mm too {}, by the other sensors{p}: check its hooks and plug",
                 off_m.abs() * 1e3,
-                if off_m < 0.0 { "less" } else { "more" }
+                if off_m < 0.0 { "short" } else { "long" }
             ),
             (ChannelHealth::Suspect, None) => format!(
                 "{name} is inconsistent with the other sensors or late{p}: check its hooks, its plug and its board"
@@ -296,7 +296,7 @@ mod tests {
         };
         assert_eq!(
             e.spring_text(2),
-            "Spring 3 (2A) reads 5.2 mm less than the other sensors allow (probability 99 %): check its hooks and plug; \
+            "Spring 3 (2A) reads 5.2 mm too short, by the other sensors (probability of a fault 99 %): check its hooks and plug; \
              its length is reconstructed (±0.8 mm)."
         );
         // A jump that nothing has been concluded from yet; no stand-in.
@@ -304,7 +304,8 @@ mod tests {
         e.extra_sigma = UNKNOWN_M;
         let text = e.spring_text(2);
         assert!(
-            text.contains("allow: check") && text.ends_with("its length is unknown."),
+            text.contains("by the other sensors: check")
+                && text.ends_with("its length is unknown."),
             "{text}"
         );
         // As read from a recording.
@@ -388,7 +389,7 @@ mod tests {
         frame.quality.fault_probability[SPRINGS + 3] = 0.97;
         let text = frame.imu_evidence(3).imu_text(3);
         assert!(
-            text.contains("inconsistent") && text.contains("probability 97 %"),
+            text.contains("inconsistent") && text.contains("probability of a fault 97 %"),
             "{text}"
         );
     }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Alarm, ArmShape, BOARDS, ControllerKind, Disagreement, Goal, Gripper, Matrix6, MeshShape, Pose,
-    PressureCommand, RawFrame, SensorFrame, SensorRef, Simulator, Stamp, Via,
+    PressureCommand, RawFrame, SensorFrame, SensorRef, SensorVec, Simulator, Stamp, Via,
 };
 
 /// Signals whose training distance is larger are unlike anything that the networks have seen.
@@ -225,6 +225,28 @@ pub enum StreamState {
     Ended(String),
 }
 
+/// What a model of the arm predicts at the measured pressures and the declared load.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Predicted {
+    /// Its shape.
+    pub shape: ArmShape,
+    /// What springs and IMUs read, constant sensor errors included, by the calibration in use.
+    pub sensors: SensorVec,
+}
+
+/// A patch that is tried beside the twin's own model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TriedPatch {
+    /// What the patch adds, for people.
+    pub name: Arc<str>,
+    /// Hash of the robot with the patch.
+    pub robot: Arc<str>,
+    /// When the trial began.
+    pub since: Stamp,
+    /// What the patched model predicts; `None` until it is settled, and for a load that it cannot hold.
+    pub predicted: Option<Arc<Predicted>>,
+}
+
 /// Everything known at one instant.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
@@ -270,6 +292,14 @@ pub struct Snapshot {
     pub command: Option<PressureCommand>,
     /// Shape by the twin's own model at the measured pressures; `None` until it is settled. Not kept in recordings.
     pub shape: Option<Arc<ArmShape>>,
+    /// What springs and IMUs read by that model, constant sensor errors of its patches included; `None` where they read lengths and
+    /// orientations of the shape itself. Not kept in recordings.
+    pub model_sensors: Option<Arc<SensorVec>>,
+    /// Name of the patch that the twin's own model was given while it ran; `None` for the model of its robot file. Not kept in
+    /// recordings.
+    pub kept_patch: Option<Arc<str>>,
+    /// The patch that is tried beside the twin's own model. Never used for control, and not kept in recordings.
+    pub tried: Option<TriedPatch>,
     /// Which simulator the operator wants to see.
     pub simulator: Simulator,
     /// Newest shape by the geometric simulator; `None` while that one is not shown, or has none yet. Not
@@ -279,6 +309,8 @@ pub struct Snapshot {
     pub mesh_trouble: Option<String>,
     /// What is abnormal now, most urgent first.
     pub alarms: Vec<Alarm>,
+    /// Whether a monitor compares twin and arm. Not kept in recordings.
+    pub is_monitored: bool,
     /// How far twin and arm disagree; `None` where no monitor runs, or before its first verdict. Not kept in recordings.
     pub disagreement: Option<Disagreement>,
     /// Mass in the gripper as declared by the operator, or by the plan that gripped it, kg.

@@ -11,7 +11,7 @@ mod programme;
 mod routine;
 
 pub use goto::{Arrival, Goto, GotoError, GotoState, allowed};
-pub use path::{PATH_WAYPOINTS, Path, circle, figure_eight};
+pub use path::{PATH_WAYPOINTS, Path, circle, figure_eight, off_path_m};
 pub use plan::{Follow, GRIP_S, Item, Leg, Plan, Stop};
 pub use programme::Programme;
 pub use routine::{Happening, Routine, Target};

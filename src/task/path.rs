@@ -2,6 +2,8 @@
 
 use std::f64::consts::TAU;
 
+use nalgebra::Vector3;
+
 use crate::signal::Goal;
 
 /// Waypoints of the paper's circle and figure 8.
@@ -14,6 +16,19 @@ pub struct Path {
     pub name: String,
     /// Waypoints in the base frame, m; the first is not repeated.
     pub waypoints_m: Vec<[f64; 3]>,
+}
+
+/// Distance of a place from a closed path through waypoints, all in the base frame, m.
+pub fn off_path_m(at_m: &[f64; 3], waypoints_m: &[[f64; 3]]) -> f64 {
+    let at = Vector3::from(*at_m);
+    let n = waypoints_m.len();
+    let legs = (0..n).map(|k| {
+        let [a, b] = [k, (k + 1) % n].map(|i| Vector3::from(waypoints_m[i]));
+        let along = b - a;
+        let share = ((at - a).dot(&along) / along.norm_squared().max(1e-18)).clamp(0.0, 1.0);
+        (at - a - along * share).norm()
+    });
+    legs.fold(f64::INFINITY, f64::min)
 }
 
 impl Path {

@@ -5,6 +5,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError};
 use std::sync::{Arc, Mutex};
 
 use crate::link::{LinkEvent, StopLine};
+use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::signal::ControllerKind;
 use crate::signal::{Goal, Gripper, Mode, Severity, Simulator, Snapshot, Stamp};
@@ -57,6 +58,21 @@ pub enum Command {
     },
     /// A muted effect counts again.
     Unmute(String),
+    /// Settle the model of a patched robot beside the twin's own, at the same measured pressures, and show what both predict.
+    /// Refused for another robot.
+    TryPatch {
+        /// What the patch adds, for people.
+        name: String,
+        /// The robot with the patch.
+        robot: Arc<RobotSpec>,
+    },
+    /// End the trial of a patch.
+    DropPatch,
+    /// The model that is tried becomes the twin's own: the arm that is drawn and previewed, the residuals, the monitor. Networks,
+    /// sensing and control stay as they are.
+    KeepPatch,
+    /// The twin's own model is that of its robot file again.
+    RevertPatch,
     /// Record to this file.
     StartRecording(PathBuf),
     /// Close the recording.

@@ -40,12 +40,16 @@ impl Maps {
     /// Sensing for a twin of `robot` with these maps: as [`sensing_for`], but networks that know the sensor errors of the rig in
     /// order are not given them twice.
     pub fn sensing(&self, robot: &RobotSpec, calibration: &Calibration) -> Sensing {
-        let errors = match self.know_sensors {
+        let patched = Patched::by(robot, calibration, &self.corrected_by(robot));
+        Sensing::new(&patched.geometry, patched.calibration)
+    }
+
+    /// The sensor errors of a robot's patches that sensing with these maps corrects.
+    pub fn corrected_by(&self, robot: &RobotSpec) -> SensorErrors {
+        match self.know_sensors {
             true => SensorErrors::of_effects(robot),
             false => SensorErrors::of(robot),
-        };
-        let patched = Patched::by(robot, calibration, &errors);
-        Sensing::new(&patched.geometry, patched.calibration)
+        }
     }
 
     /// Reads a frame by what `sensing` made of those before.

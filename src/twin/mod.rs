@@ -20,6 +20,7 @@ mod serial;
 mod shape;
 mod stream;
 mod trial;
+mod tried;
 mod view;
 mod watch;
 

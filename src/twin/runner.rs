@@ -9,6 +9,7 @@ use super::port::{Clock, NoPort, Port};
 use super::record::Recordings;
 use super::rolling::{Rolling, RollingOf};
 use super::stream::{LAST_WORDS, Streams};
+use super::tried::Trial;
 use super::view::View;
 use super::watch::Watch;
 use crate::link::StopLine;
@@ -39,10 +40,10 @@ impl Runner {
     /// Puts a twin on a port.
     pub fn new(twin: Twin, port: Box<dyn Port>, robot: &RobotSpec) -> Self {
         Self {
+            view: View::new(robot).corrected_by(twin.corrected_by()),
             twin,
             port,
             robot: robot.clone(),
-            view: View::new(robot),
             recordings: Recordings::default(),
             rolling: None,
             watch: None,
@@ -237,6 +238,10 @@ impl Runner {
                 let text = format!("{effect} counts again as a disagreement.");
                 events.push(Event::Notice { stamp: now, text });
             }
+            Command::TryPatch { .. }
+            | Command::DropPatch
+            | Command::KeepPatch
+            | Command::RevertPatch => events.push(self.patch(now, command)),
             Command::Mark(text) => events.push(self.mark(now, text)),
             Command::Note(text) => events.extend(self.note(now, text)),
             Command::StreamLive(address) => {
@@ -277,6 +282,40 @@ impl Runner {
                 stamp,
                 reason: "There is no baseline, and nothing to mute.".to_owned(),
             },
+        }
+    }
+
+    /// Tries a patch, or ends its trial: what happened, or why nothing did.
+    fn patch(&mut self, stamp: Stamp, command: &Command) -> Event {
+        let done = match command {
+            Command::TryPatch { name, robot } => {
+                let trial = Trial::new(name, robot, stamp);
+                let tried = self.view.try_patch(trial);
+                tried.map(|()| format!("Tried beside the twin's own model: {name}. Control does not use it."))
+            }
+            Command::KeepPatch => self.view.keep_tried().map(|(robot, name)| {
+                self.watch_by(&robot);
+                format!("The twin's own model has the patch from now on: {name}. Networks, sensing and control stay as they are.")
+            }),
+            Command::RevertPatch => self.view.revert_kept().map(|(robot, name)| {
+                self.watch_by(&robot);
+                format!("The twin's own model is that of its robot file again, without {name}.")
+            }),
+            _ => self.view.drop_tried().map(|name| format!("No longer tried: {name}.")),
+        };
+        match done {
+            Ok(text) => Event::Notice { stamp, text },
+            Err(why) => Event::Refused {
+                stamp,
+                reason: why.to_string(),
+            },
+        }
+    }
+
+    /// Compares the arm with the twin's own model as it is now.
+    fn watch_by(&mut self, robot: &Arc<RobotSpec>) {
+        if let Some(watch) = &mut self.watch {
+            watch.compare_with(robot);
         }
     }
 

@@ -29,6 +29,7 @@ mod late;
 mod nearest;
 mod safety;
 mod threads;
+mod tried;
 #[cfg(feature = "rrd")]
 mod viewer;
 

@@ -6,9 +6,11 @@ use std::sync::Arc;
 use super::mesh::{MeshAnswer, MeshQuestion, mesh_worker};
 use super::newest::Newest;
 use super::shape::{ShapeAnswer, ShapeQuestion, ShapeSolver};
+use super::tried::{Refusal, Trial};
 use crate::robot::RobotSpec;
-use crate::signal::{ArmShape, CHAMBERS, MeshShape, Simulator, Snapshot, Stamp};
+use crate::signal::{ArmShape, CHAMBERS, MeshShape, SensorVec, Simulator, Snapshot, Stamp};
 use crate::sim::Inputs;
+use crate::sim::patch::SensorErrors;
 
 /// The drawn shape is solved at most this often, s.
 const SHAPE_PERIOD_S: f64 = 0.03;
@@ -33,7 +35,14 @@ pub(super) enum Drawing {
 
 /// The drawn shapes, and who settles them.
 pub(super) struct View {
-    robot: RobotSpec,
+    /// The robot of the twin.
+    robot: Arc<RobotSpec>,
+    /// What its sensors are corrected by.
+    corrected_by: SensorErrors,
+    /// The robot of its own model: with a patch that was kept, if one was.
+    own: Arc<RobotSpec>,
+    kept: Option<Arc<str>>,
+    tried: Option<Trial>,
     pub(super) drawing: Drawing,
     /// Started when the mesh is shown for the first time.
     pub(super) mesh_worker: Option<Newest<MeshQuestion, MeshAnswer>>,
@@ -41,6 +50,7 @@ pub(super) struct View {
     looked_at: bool,
     simulator: Simulator,
     shape: Option<Arc<ArmShape>>,
+    sensors: Option<Arc<SensorVec>>,
     shape_at: Option<Stamp>,
     /// The shape under preview with what it was solved for.
     preview_shape: Option<(Inputs, Option<Arc<ArmShape>>)>,
@@ -52,19 +62,75 @@ pub(super) struct View {
 impl View {
     /// The rod model of `robot`, looked at by nobody.
     pub(super) fn new(robot: &RobotSpec) -> Self {
+        let robot = Arc::new(robot.clone());
         Self {
-            robot: robot.clone(),
+            corrected_by: SensorErrors::of(&robot),
+            own: Arc::clone(&robot),
+            robot,
+            kept: None,
+            tried: None,
             drawing: Drawing::default(),
             mesh_worker: None,
             looked_at: false,
             simulator: Simulator::default(),
             shape: None,
+            sensors: None,
             shape_at: None,
             preview_shape: None,
             mesh: None,
             mesh_failure: None,
             mesh_at: None,
         }
+    }
+
+    /// Compares with sensors that are corrected by these errors.
+    pub(super) fn corrected_by(self, corrected_by: SensorErrors) -> Self {
+        Self {
+            corrected_by,
+            ..self
+        }
+    }
+
+    /// Settles the model of a patched robot beside the twin's own from now on.
+    pub(super) fn try_patch(&mut self, trial: Trial) -> Result<(), Refusal> {
+        trial.suits(&self.robot)?;
+        self.tried = Some(trial);
+        // At once.
+        self.shape_at = None;
+        Ok(())
+    }
+
+    /// Ends the trial; the name of the patch.
+    pub(super) fn drop_tried(&mut self) -> Result<Arc<str>, Refusal> {
+        self.tried.take().map(|t| t.name).ok_or(Refusal::NoTrial)
+    }
+
+    /// The model that is tried is the twin's own from now on: its robot, and the name of the patch.
+    pub(super) fn keep_tried(&mut self) -> Result<(Arc<RobotSpec>, Arc<str>), Refusal> {
+        let trial = self.tried.take().ok_or(Refusal::NoTrial)?;
+        if let Some(predicted) = trial.predicted {
+            self.shape = Some(Arc::new(predicted.shape.clone()));
+            self.sensors = Some(Arc::new(predicted.sensors.clone()));
+        }
+        self.kept = Some(Arc::clone(&trial.name));
+        self.take_own(trial.robot);
+        Ok((Arc::clone(&self.own), trial.name))
+    }
+
+    /// The twin's own model is that of its robot file again: the robot, and the name of the patch.
+    pub(super) fn revert_kept(&mut self) -> Result<(Arc<RobotSpec>, Arc<str>), Refusal> {
+        let name = self.kept.take().ok_or(Refusal::NoneKept)?;
+        self.take_own(Arc::clone(&self.robot));
+        Ok((Arc::clone(&self.own), name))
+    }
+
+    fn take_own(&mut self, robot: Arc<RobotSpec>) {
+        self.own = robot;
+        self.shape_at = None;
+        self.preview_shape = None;
+        // Made again of this robot, where it is shown.
+        self.mesh_worker = None;
+        self.mesh_at = None;
     }
 
     /// Settles the shapes from now on.
@@ -84,7 +150,7 @@ impl View {
 
     /// Lets a thread of its own settle the rod model's shapes.
     pub(super) fn draw_beside(&mut self) {
-        let mut solver = ShapeSolver::new(&self.robot);
+        let mut solver = self.solver();
         let work = move |question: ShapeQuestion| solver.solve(&question);
         self.drawing = match Newest::spawn("shape", work) {
             Ok(worker) => Drawing::Thread(worker),
@@ -93,6 +159,16 @@ impl View {
                 Drawing::Failed
             }
         };
+    }
+
+    /// The robot of the twin's own model.
+    #[cfg(test)]
+    pub(super) fn own_robot(&self) -> Arc<RobotSpec> {
+        Arc::clone(&self.own)
+    }
+
+    fn solver(&self) -> ShapeSolver {
+        ShapeSolver::new(&self.own, self.corrected_by.clone())
     }
 
     /// Has settled what is due in a snapshot of the twin, fetches what was, and adds it. Waits for no thread.
@@ -107,6 +183,9 @@ impl View {
         let preview = preview.filter(|(inputs, _)| previewed.as_ref() == Some(inputs));
         snapshot.preview_shape = preview.and_then(|(_, shape)| shape.clone());
         snapshot.shape.clone_from(&self.shape);
+        snapshot.model_sensors.clone_from(&self.sensors);
+        snapshot.kept_patch.clone_from(&self.kept);
+        snapshot.tried = self.tried.as_ref().map(Trial::status);
         snapshot.simulator = self.simulator;
         snapshot.mesh.clone_from(&self.mesh);
         snapshot.mesh_trouble = self.mesh_trouble(snapshot.stamp);
@@ -114,7 +193,7 @@ impl View {
 
     fn update_shape(&mut self, snapshot: &Snapshot) {
         if matches!(self.drawing, Drawing::Nobody) {
-            self.drawing = Drawing::Tick(Box::new(ShapeSolver::new(&self.robot)));
+            self.drawing = Drawing::Tick(Box::new(self.solver()));
         }
         let question = self.shape_question(snapshot);
         let answer = match (&mut self.drawing, question) {
@@ -127,10 +206,25 @@ impl View {
             }
             _ => None,
         };
-        // A load that the model cannot hold keeps the last shape.
-        if let Some(ShapeAnswer { shape, preview }) = answer {
-            self.shape = shape.or(self.shape.take());
-            self.preview_shape = preview;
+        if let Some(answer) = answer {
+            self.take_shapes(answer);
+        }
+    }
+
+    /// Takes what was settled; of models that are used no longer, nothing.
+    fn take_shapes(&mut self, answer: ShapeAnswer) {
+        if Arc::ptr_eq(&answer.own, &self.own) {
+            // A load that the model cannot hold keeps the last shape.
+            if let Some((shape, sensors)) = answer.shape {
+                (self.shape, self.sensors) = (Some(shape), sensors);
+            }
+            self.preview_shape = answer.preview;
+        }
+        if let Some(trial) = &mut self.tried {
+            let of_it = answer
+                .tried
+                .filter(|(robot, _)| Arc::ptr_eq(robot, &trial.robot));
+            trial.predicted = of_it.map(|(_, predicted)| predicted);
         }
     }
 
@@ -145,6 +239,8 @@ impl View {
         self.shape_at = Some(now);
         Some(ShapeQuestion {
             stamp: now,
+            own: Arc::clone(&self.own),
+            tried: self.tried.as_ref().map(|t| Arc::clone(&t.robot)),
             inputs,
             preview: previewed_inputs(snapshot),
         })
@@ -153,7 +249,7 @@ impl View {
     fn update_mesh(&mut self, snapshot: &Snapshot) {
         if let Some(question) = self.mesh_question(snapshot) {
             if self.mesh_worker.is_none() {
-                match mesh_worker(&self.robot) {
+                match mesh_worker(&self.own) {
                     Ok(worker) => self.mesh_worker = Some(worker),
                     Err(e) => {
                         let reason = format!("a thread for the mesh cannot be started ({e})");

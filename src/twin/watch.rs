@@ -1,10 +1,12 @@
 //! The live monitor beside the twin. It judges in a thread of its own where the twin keeps to real time, and within the tick
 //! where no clock waits.
 
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use super::command::Event;
-use crate::gap::{Measured, Monitor};
+use crate::gap::{Commissioned, GapError, Measured, Monitor};
+use crate::robot::RobotSpec;
 use crate::signal::{Disagreement, Snapshot, Stamp};
 
 /// Frames that wait for the thread at most: a few seconds' worth. Where it does not keep up, the monitor begins again.
@@ -22,6 +24,8 @@ pub struct Watch {
     newest: Option<Disagreement>,
     /// Whether it has reported that they disagree.
     reported: bool,
+    /// Findings up to here are of a model that is no longer the twin's own.
+    outdated: Option<Stamp>,
 }
 
 /// What the monitor is given.
@@ -33,10 +37,33 @@ enum Given {
     Measured(Measured),
     /// The effect of this name counts no longer, or again.
     Mute(String, bool),
+    /// The monitor of another model.
+    Model(Arc<RobotSpec>),
+}
+
+/// A monitor, and the rig that it was made of.
+struct Judge {
+    monitor: Monitor,
+    rig: Commissioned,
+}
+
+impl Judge {
+    /// Judges by the model of this robot from now on, with what was muted; by the one before where there is none.
+    fn take_model(&mut self, robot: &RobotSpec) {
+        match Monitor::new(robot, &self.rig) {
+            Ok(mut monitor) => {
+                for name in self.monitor.muted() {
+                    monitor.mute(&name, true);
+                }
+                self.monitor = monitor;
+            }
+            Err(e) => log::warn!("twin and arm are compared by the model of before: {e}"),
+        }
+    }
 }
 
 enum Place {
-    Here(Box<Monitor>),
+    Here(Box<Judge>),
     Beside {
         given: SyncSender<Given>,
         found: Receiver<Disagreement>,
@@ -46,19 +73,42 @@ enum Place {
 }
 
 impl Watch {
-    /// With a monitor of the rig that the twin will run on.
-    pub fn new(monitor: Monitor) -> Self {
-        Self {
-            place: Place::Here(Box::new(monitor)),
+    /// Of the commissioned rig that the twin of `robot` will run on.
+    ///
+    /// # Errors
+    /// [`GapError`] when the baseline is of another robot.
+    pub fn new(robot: &RobotSpec, rig: Commissioned) -> Result<Self, GapError> {
+        let monitor = Monitor::new(robot, &rig)?;
+        Ok(Self {
+            place: Place::Here(Box::new(Judge { monitor, rig })),
             taken: None,
             newest: None,
             reported: false,
+            outdated: None,
+        })
+    }
+
+    /// Compares the arm with the model of this robot from now on; it judges again once that has settled.
+    pub(super) fn compare_with(&mut self, robot: &Arc<RobotSpec>) {
+        match &mut self.place {
+            Place::Here(judge) => judge.take_model(robot),
+            Place::Beside { given, .. } => {
+                if given.try_send(Given::Model(Arc::clone(robot))).is_err() {
+                    log::warn!(
+                        "twin and arm are compared by the model of before: the monitor is behind"
+                    );
+                    return;
+                }
+            }
+            Place::Nowhere => {}
         }
+        self.newest = None;
+        self.outdated = self.taken;
     }
 
     /// Lets a thread of its own judge. The thread ends when this is dropped.
     pub(super) fn beside(&mut self) {
-        let Place::Here(mut monitor) = std::mem::replace(&mut self.place, Place::Nowhere) else {
+        let Place::Here(mut judge) = std::mem::replace(&mut self.place, Place::Nowhere) else {
             return;
         };
         let (given, taken) = sync_channel::<Given>(WAITING);
@@ -67,13 +117,14 @@ impl Watch {
             for given in taken {
                 match given {
                     Given::Measured(m) => {
-                        if let Some(new) = monitor.take(m) {
+                        if let Some(new) = judge.monitor.take(m) {
                             let _ = finds.try_send(new);
                         }
                     }
                     Given::Mute(name, muted) => {
-                        monitor.mute(&name, muted);
+                        judge.monitor.mute(&name, muted);
                     }
+                    Given::Model(robot) => judge.take_model(&robot),
                 }
             }
         };
@@ -87,8 +138,8 @@ impl Watch {
     /// The effect of this name counts no longer, or again.
     pub(super) fn mute(&mut self, name: &str, muted: bool) {
         match &mut self.place {
-            Place::Here(monitor) => {
-                monitor.mute(name, muted);
+            Place::Here(judge) => {
+                judge.monitor.mute(name, muted);
             }
             Place::Beside { given, .. } => {
                 let _ = given.try_send(Given::Mute(name.to_owned(), muted));
@@ -110,8 +161,8 @@ impl Watch {
                 payload_kg: snapshot.payload_kg,
             };
             match &mut self.place {
-                Place::Here(monitor) => {
-                    if let Some(new) = monitor.take(measured) {
+                Place::Here(judge) => {
+                    if let Some(new) = judge.monitor.take(measured) {
                         self.newest = Some(new);
                     }
                 }
@@ -121,10 +172,10 @@ impl Watch {
                 Place::Nowhere => {}
             }
         }
-        if let Place::Beside { found, .. } = &self.place
-            && let Some(new) = found.try_iter().last()
-        {
-            self.newest = Some(new);
+        if let Place::Beside { found, .. } = &self.place {
+            let until_s = self.outdated.map_or(f64::NEG_INFINITY, Stamp::seconds);
+            let current = found.try_iter().filter(|d| d.t_s > until_s).last();
+            self.newest = current.or(self.newest.take());
         }
         if let Some(newest) = &self.newest {
             let stamp = snapshot.stamp;
@@ -143,6 +194,7 @@ impl Watch {
                 events.push(Event::Notice { stamp, text });
             }
         }
+        snapshot.is_monitored = !matches!(self.place, Place::Nowhere);
         snapshot.disagreement = self.newest.clone();
     }
 }
@@ -160,6 +212,7 @@ mod tests {
             taken: None,
             newest: None,
             reported: false,
+            outdated: None,
         };
         let mut texts = Vec::new();
         let mut shown = Vec::new();
@@ -192,5 +245,41 @@ mod tests {
                 .contains("since 6 s ago, most in spring 4. It looks like creep or spring lag."),
             "{texts:?}"
         );
+    }
+
+    #[test]
+    fn what_was_found_by_the_model_of_before_counts_no_longer() {
+        let (given, taken) = sync_channel(1);
+        let (finds, found) = sync_channel(8);
+        let mut watch = Watch {
+            place: Place::Beside { given, found },
+            taken: Some(Stamp::from_seconds(60.0)),
+            newest: None,
+            reported: true,
+            outdated: None,
+        };
+        let of = |t_s: f64, ratio: f64| Disagreement {
+            t_s,
+            ratio,
+            channel: "spring 4".to_owned(),
+            since_s: 0.0,
+            likely: Vec::new(),
+            muted: Vec::new(),
+        };
+        let shown = |watch: &mut Watch, found: Disagreement| {
+            finds.send(found).expect("waits");
+            let (mut snapshot, mut events) = (Snapshot::default(), Vec::new());
+            watch.update(&mut snapshot, &mut events);
+            assert!(snapshot.is_monitored);
+            (snapshot.disagreement.map(|d| d.ratio), events.len())
+        };
+        assert_eq!(shown(&mut watch, of(59.0, 1.6)), (Some(1.6), 0));
+        let robot = Arc::new(RobotSpec::reference());
+        watch.compare_with(&robot);
+        assert!(matches!(taken.try_recv(), Ok(Given::Model(of)) if Arc::ptr_eq(&of, &robot)));
+        // It was on its way.
+        assert_eq!(shown(&mut watch, of(59.5, 1.6)), (None, 0));
+        // Of the new model; that they agree again is reported.
+        assert_eq!(shown(&mut watch, of(71.0, 0.3)), (Some(0.3), 1));
     }
 }

@@ -384,3 +384,58 @@ fn samples_come_once_per_step_and_complete() {
     );
     assert_eq!(h.value_at(Channel::Truth(0), 2.9), None);
 }
+
+/// What springs and IMUs read by both models, in columns of their own; what the monitor judges, once for every verdict.
+#[test]
+fn the_residual_of_the_model_that_is_tried_lies_beside_that_of_the_twin() {
+    use crate::signal::{Disagreement, Predicted, TriedPatch};
+    let reads = |s: &Snapshot, mm: f64| {
+        let mut reads = s.sensors.as_ref().expect("sensors").sensors.clone();
+        reads.spring_m[4] -= mm * 1e-3;
+        reads.imu_ypr_rad[2][1] -= (0.1 * mm).to_radians();
+        reads
+    };
+    let mut h = History::new(LIVE_ROWS);
+    for k in 0..30 {
+        let mut s = fixture::snapshot(1.0 + 0.1 * f64::from(k));
+        s.model_sensors = Some(reads(&s, 2.0).into());
+        s.tried = (10..20).contains(&k).then(|| TriedPatch {
+            name: "payload".into(),
+            robot: "abc".into(),
+            since: Stamp::from_seconds(2.0),
+            predicted: Some(
+                Predicted {
+                    shape: s.shape.as_deref().cloned().expect("a shape"),
+                    sensors: reads(&s, 0.5),
+                }
+                .into(),
+            ),
+        });
+        s.disagreement = Some(Disagreement {
+            t_s: f64::from(k / 10),
+            ratio: 1.5,
+            channel: "spring 5".to_owned(),
+            since_s: 0.0,
+            likely: Vec::new(),
+            muted: Vec::new(),
+        });
+        h.push(&s);
+    }
+    let all = |channel| h.values(channel, 0.0, 9.0).collect::<Vec<f64>>();
+    for (channel, wanted, n) in [
+        (Channel::SpringResidual(4), 2.0, 30),
+        (Channel::SpringTried(4), 0.5, 10),
+        (Channel::SpringResidual(5), 0.0, 30),
+        (Channel::SpringTried(5), 0.0, 10),
+        (Channel::ImuResidual(2, 1), 0.2, 30),
+        (Channel::ImuTried(2, 1), 0.05, 10),
+        (Channel::Disagreement, 1.5, 3),
+    ] {
+        let values = all(channel);
+        assert_eq!(values.len(), n, "{channel:?}");
+        assert!(
+            values.iter().all(|v| (v - wanted).abs() < 1e-4),
+            "{channel:?}: {values:?}"
+        );
+    }
+}

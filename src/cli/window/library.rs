@@ -1,6 +1,7 @@
 //! The recordings the window lists and opens.
 
 pub mod names;
+pub mod rename;
 mod samples;
 
 use std::collections::HashMap;
@@ -11,10 +12,11 @@ use std::time::SystemTime;
 use jiff::tz::TimeZone;
 use springtwin::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
 use springtwin::gui::RecordingEntry;
+use springtwin::gui::services::Space;
 use springtwin::lab::predicted;
 use springtwin::recording::{
     Inspection, Inspector, RecordedEvent, RecordingError, RecordingFile, Selection, SizeLimit,
-    Thinning, inspect, inspect_log, is_later_segment, is_rrd, notes_path, part_of,
+    Thinning, free_bytes, inspect, inspect_log, is_later_segment, is_rrd, notes_path, part_of,
     read_session_with, segment_path,
 };
 use springtwin::robot::RobotSpec;
@@ -112,22 +114,30 @@ fn describe(path: PathBuf, name: String, bytes: u64) -> RecordingEntry {
         bytes,
         ..RecordingEntry::default()
     };
+    let stem = stem_of(&entry.path);
+    let dated = |recorded: &str| names::begun(recorded, &stem, &TimeZone::system());
     match glance(&entry.path, bytes) {
-        Ok(None) => entry,
+        Ok(None) => RecordingEntry {
+            begun: dated(""),
+            ..entry
+        },
         Ok(Some(Glance {
             seconds,
             simulated,
             complete,
             noted,
+            begun,
         })) => RecordingEntry {
             seconds: Some(seconds),
             simulated,
             noted,
+            begun: dated(&begun),
             note: (!complete).then(|| "Cut off: plays to its last whole part.".to_owned()),
             ..entry
         },
         Err(e) => RecordingEntry {
             note: Some(e.to_string()),
+            begun: dated(""),
             ..entry
         },
     }
@@ -140,6 +150,8 @@ struct Glance {
     complete: bool,
     /// Note and marks.
     noted: Vec<String>,
+    /// Local date and time at which it began, with their offset; may be empty.
+    begun: String,
 }
 
 /// What a recording is by where its parts lie, without reading them; of other files by reading them.
@@ -152,6 +164,7 @@ fn glance(path: &Path, bytes: u64) -> Result<Option<Glance>, RecordingError> {
                 simulated: file.meta().simulated,
                 complete: file.is_complete(),
                 noted: noted(&file.meta().note, file.marks()?.into_iter().map(|m| m.text)),
+                begun: file.meta().begun.clone(),
             }));
         }
     }
@@ -165,6 +178,7 @@ fn glance(path: &Path, bytes: u64) -> Result<Option<Glance>, RecordingError> {
         simulated: seen.simulated,
         complete: seen.complete,
         noted: noted(note, seen.marks.iter().map(|m| m.text.clone())),
+        begun: seen.provenance.map_or_else(String::new, |p| p.begun),
     }))
 }
 
@@ -186,9 +200,7 @@ fn scan(folder: &Path, known: &Known) -> Vec<RecordingEntry> {
         if !is_session && (!is_rrd(&path) || is_later_segment(&path)) {
             continue;
         }
-        let stem = path
-            .file_stem()
-            .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
+        let stem = stem_of(&path);
         let bytes = if is_session {
             std::fs::metadata(path.join("log.csv")).map_or(0, |m| m.len())
         } else {
@@ -202,6 +214,25 @@ fn scan(folder: &Path, known: &Known) -> Vec<RecordingEntry> {
     }
     found.sort_by(|a, b| a.name.cmp(&b.name));
     found
+}
+
+/// Name of a file without its ending.
+fn stem_of(path: &Path) -> String {
+    let stem = path.file_stem();
+    stem.map_or_else(String::new, |s| s.to_string_lossy().into_owned())
+}
+
+/// What a folder has left for recordings, and what the recording `name` in it takes. A folder that is not there yet
+/// has what the one above it has.
+pub fn space(folder: &Path, name: &str) -> Space {
+    let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    let there = folder.ancestors().find(|f| f.is_dir());
+    let written = || size_of_all(&folder.join(format!("{name}.rrd")));
+    Space {
+        free_bytes: there.and_then(|f| free_bytes(&f.join("new.rrd"))),
+        written_bytes: if name.is_empty() { 0 } else { written() },
+        local: names::minute(jiff::Zoned::now().datetime()),
+    }
 }
 
 /// Size of a recording with all its segments, bytes.
@@ -358,10 +389,15 @@ mod tests {
         assert_eq!(names(&empty), ["payload-200g", "point-to-point"]);
         assert!(empty.iter().all(|e| e.sample && e.seconds.is_some()));
         let at: jiff::civil::DateTime = "2026-11-23T14:05:12".parse().expect("a time");
-        let first = names::fresh(&recordings, at).expect("the folder is made");
+        let first = names::fresh(&recordings, at, "").expect("the folder is made");
         let sample = &empty[0].path;
         std::fs::copy(sample, &first).expect("recorded");
-        let second = names::fresh(&recordings, at).expect("the folder is there");
+        let left = space(&recordings.join("not/yet"), "");
+        assert!(!cfg!(unix) || left.free_bytes.is_some_and(|b| b > 0));
+        assert_eq!(left.written_bytes, 0);
+        let taken = space(&recordings, "2026-11-23_14-05-12").written_bytes;
+        assert_eq!(Some(taken), std::fs::metadata(&first).ok().map(|m| m.len()));
+        let second = names::fresh(&recordings, at, "").expect("the folder is there");
         std::fs::copy(sample, &second).expect("recorded");
         std::fs::copy(sample, recordings.join("session-1763906712-77.rrd")).expect("copied");
         let listed = places.scan(&recordings);

@@ -12,11 +12,13 @@ use super::{Asks, hull, library};
 use crate::cli::args::Kind;
 use crate::cli::outputs::Overwrite;
 use crate::cli::solve::Simulator;
-use crate::cli::{Report, args, picture};
+use crate::cli::{Report, args, picture, read_toml};
 use springtwin::analysis::player::Player;
 use springtwin::drive::{DEFAULT_RIG, Instruments, TwinBuilder, model, rig_options};
+use springtwin::gap::Patch;
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::pace::Pace;
+use springtwin::gui::panels::gap::patch_phrase;
 use springtwin::gui::scene::Scene;
 use springtwin::gui::screens::ScreenId;
 use springtwin::gui::services::Job;
@@ -56,6 +58,9 @@ pub struct ScreenshotArgs {
     /// Draw the arm by this simulator
     #[arg(long, value_enum, default_value_t = Simulator::Rod, conflicts_with = "recording")]
     simulator: Simulator,
+    /// Try this patch (TOML) beside the twin's own model
+    #[arg(long, value_name = "F.toml", conflicts_with_all = ["recording", "pressures"])]
+    patch: Option<PathBuf>,
     /// Show the arm at rest under six gauge pressures instead of the virtual rig, kPa
     #[arg(
         long,
@@ -136,7 +141,10 @@ pub fn screenshot(
         }
         (None, Some(chamber_pa)) => vec![picture::at_rest(robot, chamber_pa, a.payload)?],
         (None, None) if a.state == StateName::Empty || connecting => Vec::new(),
-        (None, None) => demonstration(robot, maps.clone(), a.preview)?,
+        (None, None) => {
+            let tried = a.patch.as_deref().map(|file| tried(robot, file));
+            demonstration(robot, maps.clone(), a.preview, tried.transpose()?)?
+        }
     };
     if let Some(last) = snapshots.last_mut() {
         spoil(last, a.state);
@@ -347,11 +355,22 @@ fn settle(offscreen: &mut Offscreen, app: &mut App, state: StateName) {
     }
 }
 
-/// Twelve seconds of the virtual rig on its way to a target.
+/// The order to try the patch in a file.
+fn tried(robot: &RobotSpec, file: &Path) -> Result<Command> {
+    let patch = Patch::from_toml(&read_toml(file)?)?;
+    patch.check_robot(robot)?;
+    Ok(Command::TryPatch {
+        name: patch_phrase(&patch),
+        robot: Arc::new(robot.patched(patch)),
+    })
+}
+
+/// Twelve seconds of the virtual rig on its way to a target; a patch is tried after three.
 fn demonstration(
     robot: &RobotSpec,
     maps: Maps,
     preview: Option<[f64; 3]>,
+    mut tried: Option<Command>,
 ) -> Result<Vec<Snapshot>> {
     let mut driver = TwinBuilder::new(robot).maps(maps).build()?;
     driver.runner.draw_shapes();
@@ -360,6 +379,7 @@ fn demonstration(
         kept.push(Snapshot::clone(snapshot));
         match kept.len() {
             150 => commands.push(Command::Goto(Goal::position([0.09, 0.05, -0.30]))),
+            300 => commands.extend(tried.take()),
             1150 => commands.extend(preview.map(|m| Command::Preview(Goal::position(m)))),
             _ => {}
         }

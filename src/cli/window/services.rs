@@ -22,6 +22,7 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
     let for_rolling = for_keep.clone();
     let for_model = rigs.robot.clone();
     let (for_name, for_load, for_align) = (ctx.clone(), ctx.clone(), ctx.clone());
+    let (for_rename, for_space) = (ctx.clone(), ctx.clone());
     let (for_ports, for_dialog, for_write) = (ctx.clone(), ctx.clone(), ctx.clone());
     let kept = rigs.data.clone();
     let data = kept.clone().unwrap_or_default();
@@ -53,7 +54,7 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
                 let rolling = rolling.ok_or("This user has no data folder.")?;
                 // What the arm has just done is written within a second.
                 std::thread::sleep(UNTIL_WRITTEN);
-                let out = library::names::fresh(&folder, jiff::Zoned::now().datetime())?;
+                let out = library::names::fresh(&folder, jiff::Zoned::now().datetime(), "")?;
                 let kept = keep_last(&rolling, Some(&first), seconds, &out, &note);
                 match kept {
                     Ok(_) => Ok(out),
@@ -95,10 +96,22 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
         }),
         open_in_rerun: viewer::opener(&asks.ctx),
         start_viewer: viewer::starter(&asks.ctx),
-        new_recording: Box::new(move |folder| {
-            let folder = folder.to_owned();
+        new_recording: Box::new(move |folder, name| {
+            let (folder, name) = (folder.to_owned(), name.to_owned());
             later(&for_name, "recording's name", move |_| {
-                library::names::fresh(&folder, jiff::Zoned::now().datetime())
+                library::names::fresh(&folder, jiff::Zoned::now().datetime(), &name)
+            })
+        }),
+        rename: Box::new(move |path, name| {
+            let (path, name) = (path.to_owned(), name.to_owned());
+            later(&for_rename, "recording's name", move |_| {
+                library::rename::rename(&path, &name)
+            })
+        }),
+        space: Box::new(move |folder, name| {
+            let (folder, name) = (folder.to_owned(), name.to_owned());
+            later(&for_space, "disk space", move |_| {
+                Ok(library::space(&folder, &name))
             })
         }),
         pick: Box::new(move |asked| later(&for_dialog, "dialog", |_| Ok(dialog::ask(asked)))),

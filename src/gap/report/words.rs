@@ -3,7 +3,7 @@
 use super::markup::{decimals, fixed, number};
 use crate::gap::finding::{ChannelError, Finding, FoundEffect, Ranked, SeparateBy, Verdict};
 use crate::gap::patch::PatchValue;
-use crate::sim::effects::{Target, effect_or_term, term};
+use crate::sim::effects::{Target, effect_or_term, plain, term};
 
 /// Display name of an effect, or of a term of a law, with its channel (1-based; `None`: all of them, or there are none):
 /// `Leak, chamber 3`. An id that is neither is shown as it is.
@@ -108,6 +108,12 @@ pub fn parameter(id: &str, name: &str, value: &PatchValue) -> String {
     format!("{name} {}{unit}{interval}", q.value)
 }
 
+/// What an effect of the sensors means for their readings: one plain sentence; `None` for other effects.
+pub fn plainly(e: &FoundEffect) -> Option<String> {
+    let value = |name: &str| e.params.get(name).map(|v| v.value);
+    plain(&e.id, e.target, &value)
+}
+
 fn name(e: &FoundEffect) -> String {
     effect_name(&e.id, e.target)
 }
@@ -124,7 +130,7 @@ fn listed(names: &[String], last: &str) -> String {
 pub fn verdict_name(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::NothingMissing => "Nothing missing",
-        Verdict::Named => "Named",
+        Verdict::Named => "Effect found",
         Verdict::Indistinguishable => "Indistinguishable",
         Verdict::Unknown => "Unknown",
         Verdict::NotExcited => "Not excited",
@@ -151,8 +157,10 @@ pub fn sentence(finding: &Finding) -> String {
                 String::new()
             };
             let what = if found.len() > 1 { "are" } else { "is" };
+            let plain = finding.effects.iter().filter_map(plainly);
+            let plain: String = plain.map(|text| format!("{text} ")).collect();
             format!(
-                "{} {what} missing from the model.{how_much}",
+                "{plain}{} {what} missing from the model.{how_much}",
                 listed(&found, "and")
             )
         }

@@ -1,8 +1,8 @@
 //! Springs and IMUs in brief, for the Operate screen.
 
-use egui::{RichText, Ui};
+use egui::{RichText, Ui, vec2};
 
-use super::plot::{Dash, swatch};
+use super::plot::{Dash, sparkline, swatch};
 use super::widgets::{
     Meter, cell, cell_left, dense, heading, health, imu_name, imu_sentence, meter, note, number,
     spring_sentence,
@@ -12,20 +12,28 @@ use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
 use crate::signal::{IMUS, SPRINGS, SensorFrame, spring_name};
 
+/// From this height on every spring has a line of its own with its last seconds, points.
+const TALL: f32 = 440.0;
+/// Length of these lines, s.
+const SPAN_S: f64 = 30.0;
+
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>) {
     let Some(frame) = &view.snapshot.sensors else {
         note(ui, "No sensors yet: waiting for the first frame.");
         return;
     };
+    let tall = ui.available_height() > TALL;
     dense(ui);
+    ui.spacing_mut().item_spacing.y = 2.0;
     match view.spec.has_springs {
+        true if tall => spring_rows(ui, view, frame),
         true => springs(ui, view, frame),
         false => {
             note(ui, "This arm has no springs.");
         }
     }
-    ui.add_space(4.0);
+    ui.add_space(2.0);
     match view.spec.has_imus {
         true => imus(ui, frame),
         false => {
@@ -77,6 +85,29 @@ fn springs(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
                     ui.add_space(8.0);
                 }
             }
+        });
+    }
+}
+
+/// One line per spring: name, last seconds, length, health.
+fn spring_rows(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame) {
+    let p = *Palette::in_ui(ui);
+    heading(ui, &format!("Springs / mm, last {SPAN_S:.0} s"));
+    for i in 0..SPRINGS {
+        let (glyph, word, level) = health(frame.health.springs[i]);
+        let mm = frame.sensors.spring_m[i] * 1e3;
+        ui.horizontal(|ui| {
+            let name = format!("Spring {} length in mm", spring_name(i));
+            cell_left(ui, 24.0, RichText::new(spring_name(i)).color(p.weak));
+            let width = (ui.available_width() - 52.0 - 14.0 - 8.0).max(40.0);
+            ui.allocate_ui(vec2(width, 18.0), |ui| {
+                sparkline(ui, view, Channel::Spring(i), SPAN_S, 2.0);
+            });
+            let value = RichText::new(number(mm, 1)).color(p.level_text(level));
+            cell(ui, 52.0, value)
+                .accessible_name(&name)
+                .on_hover_text(format!("{name}: {word}. {}", spring_sentence(frame, i)));
+            cell(ui, 14.0, RichText::new(glyph).color(p.level(level)));
         });
     }
 }

@@ -8,9 +8,10 @@ mod locate;
 mod patch;
 mod prove;
 mod select;
+mod tried;
 mod views;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use egui::{Button, RichText, Role, Stroke, Ui, WidgetInfo};
@@ -27,6 +28,8 @@ use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
 use crate::signal::capitalised;
 use crate::twin::Command;
+pub use select::Part;
+pub use tried::{drop_gate, keep_gate, phrase as patch_phrase, revert_gate};
 
 /// A step of the search.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -199,6 +202,7 @@ pub struct GapState {
     keeping_last: Pending<PathBuf, Origin>,
     // Why an effect is to be muted, as it is typed.
     mute_reason: String,
+    tried: tried::TriedState,
     // For the twin, with the next frame.
     orders: Vec<Command>,
 }
@@ -227,6 +231,13 @@ impl GapState {
     /// Looks for sessions again, when the screen is shown next.
     pub fn rescan(&mut self) {
         self.select.rescan();
+    }
+
+    /// Chooses a session in the first step, which is then shown.
+    pub fn use_as(&mut self, part: Part, path: &Path, services: &mut Services) {
+        self.step = Step::Select;
+        self.select.rescan();
+        self.select.choose(part, path, services);
     }
 
     /// Takes a finding, as if the finder had just made it.
@@ -456,7 +467,7 @@ pub fn ui(
         }
         Step::Locate => locate::ui(ui, state),
         Step::Explain => explain::ui(ui, state, services),
-        Step::Patch => patch::ui(ui, state, services),
+        Step::Patch => patch::ui(ui, state, live, services, commands),
         Step::Prove => prove::ui(ui, state, services),
     }
 }

@@ -2,6 +2,7 @@
 //! selection and text drafts.
 
 pub mod accuracy;
+pub mod agreement;
 pub mod calibrate;
 pub mod chambers;
 pub mod conduct;
@@ -12,14 +13,16 @@ pub mod gap;
 pub mod operate;
 pub mod operating;
 pub mod palette;
+pub mod picture;
 pub mod plans;
 pub mod plot;
 pub mod pose;
+pub mod readiness;
+pub mod rec;
 pub mod recordings;
 pub mod rerun;
 pub mod sensors;
 pub mod shell;
-pub mod simulator;
 pub mod strips;
 pub mod target;
 pub mod toasts;

@@ -2,17 +2,19 @@
 
 use egui::{ScrollArea, Ui, WidgetText};
 use egui_tiles::{
-    Behavior, Container, Linear, LinearDir, SimplificationOptions, TileId, Tiles, Tree, UiResponse,
+    Behavior, Container, EditAction, Linear, LinearDir, SimplificationOptions, TileId, Tiles, Tree,
+    UiResponse,
 };
 use serde::{Deserialize, Serialize};
 
 use super::plans::{self, PlanState};
 use super::plot::TimeWindow;
-use super::strips::StripChoice;
+use super::strips::StripsState;
 use super::target::TargetDraft;
 use super::view3d::{self, Edited, View3d, View3dOutput, scene_view};
 use super::widgets::note;
-use super::{View, chambers, dashboard, pose, simulator, strips, target};
+use super::{View, chambers, dashboard, pose, strips, target};
+use crate::gui::scene::overlay::Stage;
 use crate::gui::scene::{PlanMarks, Tool};
 use crate::gui::theme::Palette;
 use crate::twin::Command;
@@ -62,29 +64,68 @@ pub const PANES: [Pane; 7] = [
     Pane::Plan,
 ];
 
-/// The layout of a first start.
-pub fn default_layout() -> Tree<Pane> {
-    let mut tiles = Tiles::default();
-    let [view, target, chambers, pose, sensors, strips, plan] = PANES.map(|p| tiles.insert_pane(p));
-    let [view, target, chambers, pose, strips] =
-        [view, target, chambers, pose, strips].map(|pane| tiles.insert_tab_tile(vec![pane]));
-    let sensors = tiles.insert_tab_tile(vec![sensors, plan]);
-    let mut split = |dir: LinearDir, parts: &[(TileId, f32)]| {
-        let mut linear = Linear::new(dir, parts.iter().map(|p| p.0).collect());
-        for &(tile, share) in parts {
-            linear.shares.set_share(tile, share);
-        }
-        tiles.insert_container(Container::Linear(linear))
-    };
-    let left = split(LinearDir::Vertical, &[(view, 0.60), (strips, 0.40)]);
-    let middle = split(LinearDir::Vertical, &[(target, 0.66), (chambers, 0.34)]);
-    let right = split(LinearDir::Vertical, &[(pose, 0.40), (sensors, 0.60)]);
-    let root = split(
-        LinearDir::Horizontal,
-        &[(left, 0.45), (middle, 0.27), (right, 0.28)],
-    );
-    Tree::new(egui::Id::unique("operate"), root, tiles)
+/// How the panels are arranged until the operator arranges them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// The view above the signals, and one column with the readings behind tabs.
+    Two,
+    /// The view, what moves the arm above the signals, and all readings at once.
+    Three,
 }
+
+impl Form {
+    /// The form for so much width, points.
+    pub fn of(width: f32) -> Self {
+        match width < THREE_COLUMNS {
+            true => Self::Two,
+            false => Self::Three,
+        }
+    }
+
+    /// Its layout.
+    pub fn layout(self) -> Tree<Pane> {
+        let mut tiles = Tiles::default();
+        let mut tabs = |panes: &[Pane]| {
+            let panes = panes.iter().map(|p| tiles.insert_pane(*p)).collect();
+            tiles.insert_tab_tile(panes)
+        };
+        let (view, strips) = (tabs(&[Pane::View3d]), tabs(&[Pane::Strips]));
+        let moves = tabs(&[Pane::Target, Pane::Plan]);
+        let readings: Vec<TileId> = match self {
+            Self::Two => vec![tabs(&[Pane::Sensors, Pane::Chambers, Pane::Pose])],
+            Self::Three => [Pane::Chambers, Pane::Pose, Pane::Sensors]
+                .map(|p| tabs(&[p]))
+                .into(),
+        };
+        let mut split = |dir: LinearDir, parts: &[(TileId, f32)]| {
+            let mut linear = Linear::new(dir, parts.iter().map(|p| p.0).collect());
+            for &(tile, share) in parts {
+                linear.shares.set_share(tile, share);
+            }
+            tiles.insert_container(Container::Linear(linear))
+        };
+        let columns = match readings.as_slice() {
+            [chambers, pose, sensors] => {
+                let middle = split(LinearDir::Vertical, &[(moves, 0.34), (strips, 0.66)]);
+                let right = [(*pose, 0.25), (*chambers, 0.22), (*sensors, 0.53)];
+                let right = split(LinearDir::Vertical, &right);
+                vec![(view, 0.50), (middle, 0.28), (right, 0.22)]
+            }
+            all => {
+                let left = split(LinearDir::Vertical, &[(view, 0.66), (strips, 0.34)]);
+                let mut column = vec![(moves, 0.51)];
+                column.extend(all.iter().map(|tile| (*tile, 0.49)));
+                let right = split(LinearDir::Vertical, &column);
+                vec![(left, 0.61), (right, 0.39)]
+            }
+        };
+        let root = split(LinearDir::Horizontal, &columns);
+        Tree::new(egui::Id::unique("operate"), root, tiles)
+    }
+}
+
+/// From this width on there are three columns, points.
+const THREE_COLUMNS: f32 = 1500.0;
 
 /// Whether a kept layout has every panel exactly once.
 pub fn is_complete(tree: &Tree<Pane>) -> bool {
@@ -101,10 +142,12 @@ pub fn is_complete(tree: &Tree<Pane>) -> bool {
 pub struct OperateState {
     /// Where the panels are.
     pub tree: Tree<Pane>,
+    /// How they are arranged; `None` once the operator has arranged them.
+    pub form: Option<Form>,
     /// The target being typed.
     pub draft: TargetDraft,
     /// What the strips show.
-    pub strips: StripChoice,
+    pub strips: StripsState,
     /// The 3D view.
     pub view3d: View3d,
     /// The plan being made.
@@ -114,9 +157,10 @@ pub struct OperateState {
 impl Default for OperateState {
     fn default() -> Self {
         Self {
-            tree: default_layout(),
+            tree: Form::Two.layout(),
+            form: Some(Form::Two),
             draft: TargetDraft::default(),
-            strips: StripChoice::default(),
+            strips: StripsState::default(),
             view3d: View3d::default(),
             plans: PlanState::default(),
         }
@@ -124,6 +168,20 @@ impl Default for OperateState {
 }
 
 impl OperateState {
+    /// Arranges the panels by the width of the window from now on.
+    pub fn reset_layout(&mut self) {
+        (self.tree, self.form) = (Form::Two.layout(), Some(Form::Two));
+    }
+
+    /// Takes the layout that the operator made; whether it has every panel.
+    pub fn take_layout(&mut self, tree: Tree<Pane>) -> bool {
+        let complete = is_complete(&tree);
+        if complete {
+            (self.tree, self.form) = (tree, None);
+        }
+        complete
+    }
+
     /// Brings a panel to the front.
     pub fn show(&mut self, wanted: Pane) {
         self.tree.make_active(|_, tile| match tile {
@@ -141,7 +199,12 @@ pub fn ui(
     window: &mut TimeWindow,
     commands: &mut Vec<Command>,
 ) {
+    let form = Form::of(ui.available_width());
+    if state.form.is_some_and(|now| now != form) {
+        (state.tree, state.form) = (form.layout(), Some(form));
+    }
     let mut panes = Panes {
+        arranged: false,
         view,
         draft: &mut state.draft,
         strips: &mut state.strips,
@@ -152,14 +215,19 @@ pub fn ui(
         commands,
     };
     state.tree.ui(&mut panes, ui);
-    let plan_shown = panes.plan_shown;
+    let (plan_shown, arranged) = (panes.plan_shown, panes.arranged);
     state.plans.shown = plan_shown;
+    if arranged {
+        state.form = None;
+    }
 }
 
 struct Panes<'a, 'v> {
+    /// Whether the operator moved or resized a panel in this frame.
+    arranged: bool,
     view: &'a View<'v>,
     draft: &'a mut TargetDraft,
-    strips: &'a mut StripChoice,
+    strips: &'a mut StripsState,
     view3d: &'a mut View3d,
     plans: &'a mut PlanState,
     /// Whether the plan's panel is on screen in this frame.
@@ -171,8 +239,7 @@ struct Panes<'a, 'v> {
 impl Panes<'_, '_> {
     fn view3d(&mut self, ui: &mut Ui) {
         ui.spacing_mut().item_spacing.y = 0.0;
-        simulator::ui(ui, self.view, self.commands);
-        view3d::toolbar(ui, self.view3d, self.view);
+        view3d::bar(ui, self.view3d, self.view, self.commands);
         // What the tip goes to is the goal: there is nothing to drag.
         let placed = self.view.replay.is_none();
         let target_m = self.draft.parse().ok();
@@ -189,13 +256,47 @@ impl Panes<'_, '_> {
                 closed: track.closed,
                 selected: self.plans.selected_mark(),
                 next: self.plans.next_mark(self.view, track),
+                driven: self.plans.line_m(),
             }),
             tool: if drawing { Tool::Draw } else { Tool::Target },
         };
+        let rect = ui.available_rect_before_wrap();
         let out = scene_view(self.view3d, ui, self.view, &edited);
         if self.view.replay.is_none() {
             self.take(&out, drawing);
         }
+        if !drawing && target::offers_first(self.view, self.draft) {
+            self.first_move(ui, rect);
+        }
+    }
+
+    /// A mark where a newcomer sends the arm first, in the picture.
+    fn first_move(&mut self, ui: &Ui, rect: egui::Rect) {
+        let Some(scene) = &self.view3d.scene else {
+            return;
+        };
+        let stage = Stage {
+            camera: &scene.camera,
+            rect,
+        };
+        let at_m = target::first_m(self.view.spec).map(|v| v as f32);
+        let Some(at) = stage.place(at_m.into()).filter(|at| rect.contains(*at)) else {
+            return;
+        };
+        let p = Palette::in_ui(ui);
+        let painter = ui.painter_at(rect);
+        let stroke = egui::Stroke::new(2.5, p.ready);
+        painter.circle_stroke(at, 11.0, stroke);
+        painter.circle_filled(at, 3.0, p.ready);
+        let end = at + egui::vec2(26.0, 22.0);
+        painter.line_segment([at + egui::vec2(8.0, 7.0), end], stroke);
+        painter.text(
+            end + egui::vec2(4.0, 0.0),
+            egui::Align2::LEFT_CENTER,
+            "here",
+            egui::TextStyle::Body.resolve(ui.style()),
+            p.ready,
+        );
     }
 
     /// Takes what was done in the 3D view.
@@ -224,6 +325,8 @@ impl Behavior<Pane> for Panes<'_, '_> {
             Pane::Strips => 8,
             _ => 10,
         };
+        let upright = margin.min(6);
+        let margin = egui::Margin::symmetric(margin, upright);
         let frame = egui::Frame::new().fill(p.panel).inner_margin(margin);
         frame.show(ui, |ui| {
             ui.set_min_size(ui.available_size());
@@ -256,6 +359,11 @@ impl Behavior<Pane> for Panes<'_, '_> {
             }
         });
         UiResponse::None
+    }
+
+    fn on_edit(&mut self, action: EditAction) {
+        // A tab that is brought to the front rearranges nothing.
+        self.arranged |= matches!(action, EditAction::TileResized | EditAction::TileDropped);
     }
 
     fn tab_title_for_pane(&mut self, pane: &Pane) -> WidgetText {
@@ -300,15 +408,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn default_layout_has_every_panel_and_survives_storage() {
-        let tree = default_layout();
+    fn layouts_have_every_panel_and_survive_storage() {
+        let tree = Form::Three.layout();
+        assert!(is_complete(&Form::Two.layout()));
         assert!(is_complete(&tree));
         let text = serde_json::to_string(&tree).expect("serialises");
         let back: Tree<Pane> = serde_json::from_str(&text).expect("reads back");
         assert!(is_complete(&back));
         assert!(!is_complete(&Tree::empty(egui::Id::unique("x"))));
         // A layout that was kept before there was a panel for plans gives way to the first one.
-        let mut old = default_layout();
+        let mut old = Form::Two.layout();
         let is_plan = |tree: &Tree<Pane>| {
             let mut tiles = tree.tiles.iter();
             tiles.find_map(|(id, t)| matches!(t, egui_tiles::Tile::Pane(Pane::Plan)).then_some(*id))

@@ -1,5 +1,6 @@
 //! Plans: a circle, a figure 8, pick and place, points set by hand; checked as a whole before anything moves.
 
+mod driven;
 mod form;
 
 use egui::{RichText, Ui, vec2};
@@ -118,6 +119,10 @@ pub struct PlanState {
     pub given: Option<Plan>,
     /// What became of it.
     pub outcome: Outcome,
+    /// How its path is driven; `None` without one.
+    pub driven: Option<driven::Driven>,
+    /// What a recording that runs is to keep of the result.
+    pub remark: Option<String>,
     /// When it was given.
     given_at: Stamp,
     /// When it was last seen under way.
@@ -144,6 +149,8 @@ impl Default for PlanState {
             shown: false,
             given: None,
             outcome: Outcome::default(),
+            driven: None,
+            remark: None,
             given_at: Stamp::default(),
             seen: None,
             hold: HoldToGo::default(),
@@ -360,8 +367,13 @@ impl PlanState {
 
     /// What the 3D view shows: the plan under way, else the one being made while its panel is open.
     pub fn track(&self, view: &View<'_>) -> Option<Track> {
-        let under_way = self.under_way(view).map(|(plan, _)| Track::of(plan));
-        under_way.or_else(|| {
+        let under_way = self.under_way(view).map(|(plan, _)| plan);
+        // The way that was driven is shown beside the planned one until something else moves.
+        let done = self
+            .given
+            .as_ref()
+            .filter(|_| self.driven.is_some() && view.replay.is_none());
+        under_way.or(done).map(Track::of).or_else(|| {
             let plan = self.shown.then(|| self.plan(view.spec).ok()).flatten();
             if self.shown && self.kind == PlanKind::Points {
                 // Every point, also those that are no plan yet.
@@ -401,6 +413,30 @@ impl PlanState {
         }
     }
 
+    /// Takes a snapshot of the live twin: where the tip is on the path.
+    pub fn watch(&mut self, live: &Snapshot) {
+        let Some(plan) = &self.given else {
+            return;
+        };
+        match &live.routine {
+            Some(r) if r.name == plan.name && r.waypoint.is_some() => {
+                if let Some(Leg::Follow(follow)) = plan.legs.get(r.legs_done) {
+                    self.driven.get_or_insert_default().take(live, follow);
+                }
+            }
+            // Another motion has begun: the way that was driven is in its way.
+            None if live.mode == Mode::Moving && matches!(self.outcome, Outcome::Done(_)) => {
+                self.driven = None;
+            }
+            _ => {}
+        }
+    }
+
+    /// Where the tip was on the path that is shown, m.
+    pub fn line_m(&self) -> &[[f32; 3]] {
+        self.driven.as_ref().map_or(&[], |d| &d.line_m)
+    }
+
     /// Gives the plan to the twin.
     pub fn set_out(&mut self, view: &View<'_>, commands: &mut Vec<Command>) {
         let Ok(plan) = self.plan(view.spec) else {
@@ -411,12 +447,14 @@ impl PlanState {
         self.given = Some(plan);
         self.outcome = Outcome::Given;
         (self.seen, self.given_at) = (None, view.snapshot.stamp);
+        (self.driven, self.remark) = (None, None);
         self.drawing = false;
     }
 
     /// Lets go of a plan that another twin was given.
     pub fn forget(&mut self) {
         (self.given, self.outcome) = (None, Outcome::Nothing);
+        (self.driven, self.remark) = (None, None);
     }
 
     /// Takes an event of the twin about the plan it was given.
@@ -437,7 +475,12 @@ impl PlanState {
                 }
             }
             Event::Finished { name, .. } if *name == plan.name => {
-                self.outcome = Outcome::Done(event.text());
+                let off = self.driven.as_ref().and_then(|d| d.text("motion capture"));
+                self.remark = off.as_ref().map(|off| format!("{name}: {off}"));
+                self.outcome = Outcome::Done(match off {
+                    Some(off) => format!("{}. {off}.", event.text()),
+                    None => event.text(),
+                });
             }
             _ => {}
         }
@@ -506,7 +549,9 @@ fn progress(ui: &mut Ui, view: &View<'_>, state: &PlanState) {
         )
         .on_hover_text("Progress of the plan; Hold and Resume are at the top");
         if let Some(leg) = plan.legs.get(routine.legs_done) {
-            note(ui, leg_text(leg));
+            let left = left_s(leg, routine)
+                .map_or_else(String::new, |s| format!(" About {} s left.", number(s, 0)));
+            note(ui, format!("{}{left}", leg_text(leg)));
         }
         return;
     }
@@ -544,6 +589,19 @@ fn share(routine: &RoutineStatus) -> (String, f32) {
     }
     let share = (routine.legs_done as f32 + part) / routine.legs.max(1) as f32;
     (text, share.clamp(0.0, 1.0))
+}
+
+/// Time until the end of a path under way at its speed, s; `None` off a path.
+fn left_s(leg: &Leg, routine: &RoutineStatus) -> Option<f64> {
+    let (Leg::Follow(follow), Some((k, n))) = (leg, routine.waypoint) else {
+        return None;
+    };
+    let lap = Track {
+        waypoints_m: follow.path.waypoints_m.clone(),
+        closed: true,
+    };
+    let whole_s = lap.length_m() * f64::from(follow.laps) / follow.speed_m_s;
+    Some(whole_s * n.saturating_sub(k) as f64 / n.max(1) as f64)
 }
 
 /// A leg in words.

@@ -1,25 +1,37 @@
 //! Plots over time that share one window: zoom, pan or freeze one and all follow.
 
+mod axis;
 mod band;
+mod export;
+mod gesture;
+mod legend;
+mod names;
 mod series;
+mod smooth;
 mod ticks;
+mod tools;
 mod window;
 
 use std::cell::RefCell;
 
-use egui::{Align, Layout, RichText, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
-use egui_plot::{HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints};
+use egui::{Align, Color32, Id, Layout, Rect, RichText, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
+use egui_plot::{HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints, PlotUi};
 
 use super::widgets::number;
 use crate::analysis::decimate::{envelope_of, slot_s};
 use crate::analysis::history::Channel;
 use crate::gui::theme::Palette;
 use crate::gui::view::View;
+use axis::{Kept, Scale};
 use band::Band;
-pub use series::{Dash, Series};
-use ticks::{clock, decimals_for, marks, marks_of_time};
+pub use export::{Export, Format, file_name};
+use gesture::{Area, Change};
+pub use names::{Chosen, Group, groups, name};
+pub use series::{Dash, Series, Strip};
+use ticks::{clock, decimals_for, marks_of_time};
 pub use ticks::{clock_text, clock_value, marks_at, round_step};
-pub use window::TimeWindow;
+pub use tools::{Fit, tools};
+pub use window::{SPANS, TimeWindow};
 
 /// A plot over the shared window.
 pub struct TimePlot<'a> {
@@ -31,8 +43,8 @@ pub struct TimePlot<'a> {
     pub min_span: f64,
     /// Lines that stand out while the others fade, and that the y axis fits; empty: all alike.
     pub emphasis: &'a [Channel],
-    /// Whether the time labels are shown below.
-    pub time_axis: TimeAxis,
+    /// Where it lies in its stack.
+    pub place: Place,
     /// Whether the names of the lines are shown.
     pub legend: Legend,
     /// A vertical line at this instant, s.
@@ -93,6 +105,10 @@ pub struct Extras<'a> {
     pub marks: &'a [(f64, String)],
     /// Further lines.
     pub lines: &'a [Drawn],
+    /// Whether a moving average is drawn over the lines of the history.
+    pub smooth: bool,
+    /// Whether the names of the lines have what these do between the cursors.
+    pub differences: bool,
 }
 
 /// Whether a plot names its lines. In a stack with the same names only the first does.
@@ -117,22 +133,46 @@ const Y_AXIS: f32 = 54.0;
 const COMPACT: f32 = 120.0;
 
 /// Plots above each other that share the height, each of at least `least` points; the lowest has the labels of
-/// the time.
-pub fn stack(
-    ui: &mut Ui,
-    n: usize,
-    least: f32,
-    mut plot: impl FnMut(&mut Ui, usize, f32, TimeAxis),
-) {
-    let height = (ui.available_height() - AXIS) / n as f32 - ui.spacing().item_spacing.y;
-    let height = height.max(least);
-    for i in 0..n {
-        let (axis, more) = if i + 1 == n {
+/// the time. One that is enlarged has all of the height.
+pub fn stack(ui: &mut Ui, n: usize, least: f32, mut plot: impl FnMut(&mut Ui, usize, f32, Place)) {
+    let id = ui.scope_id().with("enlarged plot");
+    let enlarged = ui.data(|d| d.get_temp::<usize>(id));
+    let shown = match enlarged.filter(|i| n > 1 && *i < n) {
+        Some(i) => i..i + 1,
+        None => 0..n,
+    };
+    let height = (ui.available_height() - AXIS) / shown.len().max(1) as f32;
+    let height = (height - ui.spacing().item_spacing.y).max(least);
+    let is_enlarged = shown.len() < n;
+    for i in shown.clone() {
+        let (time_axis, more) = if i + 1 == shown.end {
             (TimeAxis::Shown, AXIS)
         } else {
             (TimeAxis::Hidden, 0.0)
         };
-        plot(ui, i, height + more, axis);
+        let place = Place {
+            time_axis,
+            stack: (n > 1).then_some((id, i)),
+            is_enlarged,
+        };
+        plot(ui, i, height + more, place);
+    }
+}
+
+/// Where a plot lies in its stack.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Whether the time labels are shown below.
+    pub time_axis: TimeAxis,
+    /// Key under which the stack keeps which plot is enlarged, and the number of this one.
+    stack: Option<(Id, usize)>,
+    is_enlarged: bool,
+}
+
+impl Place {
+    /// Whether the plot is shown alone although there are others.
+    pub fn is_enlarged(&self) -> bool {
+        self.is_enlarged
     }
 }
 
@@ -143,6 +183,24 @@ pub enum TimeAxis {
     Shown,
     /// None.
     Hidden,
+}
+
+/// Height of the row of a low plot, which lies over the data, points.
+const ROW: f32 = 17.0;
+
+/// Opacity of signals under their moving average.
+const UNDER: f32 = 0.35;
+
+/// What a line of a plot is drawn from.
+struct Shown<'a> {
+    name: &'a str,
+    channel: Channel,
+    dash: Dash,
+    pieces: Vec<Vec<[f64; 2]>>,
+    /// Whether the y axis fits it.
+    fits: bool,
+    /// Whether it is one of the history, which may be smoothed.
+    is_signal: bool,
 }
 
 impl TimePlot<'_> {
@@ -160,73 +218,143 @@ impl TimePlot<'_> {
         height: f32,
         extras: Extras<'_>,
     ) {
-        let axis = match self.time_axis {
+        let below = match self.place.time_axis {
             TimeAxis::Shown => AXIS,
             TimeAxis::Hidden => 0.0,
         };
-        let compact = height - axis < COMPACT;
+        let compact = height - below < COMPACT;
+        let more = extras.lines.iter().map(|d| d.channel);
+        let mut channels = self.series.iter().map(|s| s.channel).chain(more);
+        let has_log = self.place.is_enlarged() && channels.all(names::is_positive);
+        let mut axis = Kept::of(ui, self.title, view, has_log);
+        let scale = axis.scale;
+        let cursors_s = window.cursors_s.filter(|_| extras.differences);
+        let entries = legend::entries(ui, self, extras.lines, view, cursors_s);
+        let mut row = |ui: &mut Ui| {
+            let differs = cursors_s.is_some();
+            if legend::row(
+                ui, self.title, &entries, differs, self.place, &mut axis, has_log,
+            ) {
+                axis.keep(ui);
+            }
+        };
         let top = ui.cursor().top();
         if !compact {
-            ui.horizontal(|ui| self.legend(ui, extras.lines));
+            ui.horizontal(|ui| row(ui));
         }
-        let height = (height - (ui.cursor().top() - top)).max(30.0);
+        let height = (height - (ui.cursor().top() - top)).max(26.0);
         let range = window.range_s(view.now_s);
         let width = ui.available_width();
-        let palette = Palette::in_ui(ui);
-        let mut low = f64::INFINITY;
-        let mut high = f64::NEG_INFINITY;
-        let mut lines = Vec::new();
-        let to_s = range[1].min(view.now_s);
         let pixels = width.max(2.0) as usize;
-        let slot_s = slot_s(range[0], to_s, pixels);
-        let signals = view.signals([range[0], to_s]);
-        // Back to front: dashed lines stay visible over solid ones.
-        for s in self.series {
-            let pieces = signals.envelope(s.channel, range[0], to_s, pixels);
-            // The axis fits the lines that stand out, down to their noise.
-            let stands_out = self
-                .series
-                .iter()
-                .any(|s| self.emphasis.contains(&s.channel));
-            let fits = !stands_out || self.emphasis.contains(&s.channel);
-            for p in pieces.iter().flatten().filter(|_| fits) {
-                low = low.min(p[1]);
-                high = high.max(p[1]);
-            }
-            lines.push((s.name.clone(), s.channel, s.dash, pieces));
-        }
-        for d in extras.lines {
-            let pieces = d.envelope(range, slot_s);
-            for p in pieces.iter().flatten() {
-                low = low.min(p[1]);
-                high = high.max(p[1]);
-            }
-            lines.push((d.name.clone(), d.channel, d.dash, pieces));
-        }
-        if !low.is_finite() {
-            (low, high) = (-0.5 * self.min_span, 0.5 * self.min_span);
-        }
-        let middle = 0.5 * (low + high);
-        let half = (0.54 * (high - low)).max(0.5 * self.min_span);
-        // Title and legend of a low plot lie above the data.
-        let headroom = if compact {
-            2.0 * half * f64::from(17.0 / (height - axis - 17.0).max(17.0))
-        } else {
-            0.0
+        let slot_s = slot_s(range[0], range[1].min(view.now_s), pixels);
+        let lines = self.lines(view, range, pixels, slot_s, extras.lines, scale);
+        // Title and legend of a low plot lie above the data; a title alone covers little.
+        let headroom = match compact && !entries.is_empty() {
+            true => f64::from(ROW / (height - below - ROW).max(ROW)),
+            false => 0.0,
         };
-        let [bottom, top] = [middle - half, middle + half + headroom];
-        let bounds = PlotBounds::from_min_max([range[0], bottom], [range[1], top]);
-        let decimals = decimals_for(2.0 * half);
-        let unit = lines.first().map_or("", |(_, channel, ..)| channel.unit());
-        let cursors = window.cursors_s;
-        let emphasis = self.emphasis;
-        let playhead = self.playhead_s;
+        let data = Kept::of(ui, self.title, view, has_log)
+            .manual
+            .unwrap_or_else(|| fitted(&lines, scale.least(self.min_span)));
+        let y = [data[0], data[1] + headroom * (data[1] - data[0])];
+        let frame = Frame {
+            range,
+            y,
+            slot_s,
+            size: [width, height],
+            below,
+            scale,
+        };
+        let response = self.plot(ui, view, window, &lines, &extras, &frame);
+        response.widget_info(|| WidgetInfo::labeled(Role::Image, true, self.title));
+        if compact {
+            over(ui, response.rect, !entries.is_empty(), row);
+        }
+        let area = Area {
+            rect: response.rect,
+            range_s: range,
+            y,
+            data,
+            least: 0.02 * scale.least(self.min_span),
+        };
+        move_cursor(&response, window, &area);
+        let mut axis = Kept::of(ui, self.title, view, has_log);
+        let manual = axis.manual.is_some();
+        if let Some(change) = gesture::follow(ui, &response, window, view, &area, manual) {
+            axis.manual = match change {
+                Change::To(y) => Some(y),
+                Change::Automatic => None,
+            };
+            axis.keep(ui);
+        }
+    }
+
+    /// What is drawn, back to front: dashed lines stay visible over solid ones.
+    fn lines<'a>(
+        &'a self,
+        view: &View<'_>,
+        range: [f64; 2],
+        pixels: usize,
+        slot_s: f64,
+        drawn: &'a [Drawn],
+        scale: Scale,
+    ) -> Vec<Shown<'a>> {
+        let to_s = range[1].min(view.now_s);
+        let signals = view.signals([range[0], to_s]);
+        // The axis fits the lines that stand out, down to their noise.
+        let is_emphasised = |s: &Series| self.emphasis.contains(&s.channel);
+        let stands_out = self.series.iter().any(is_emphasised);
+        let own = self.series.iter().map(|s| Shown {
+            name: &s.name,
+            channel: s.channel,
+            dash: s.dash,
+            pieces: signals.envelope(s.channel, range[0], to_s, pixels),
+            fits: !stands_out || is_emphasised(s),
+            is_signal: true,
+        });
+        let more = drawn.iter().map(|d| Shown {
+            name: &d.name,
+            channel: d.channel,
+            dash: d.dash,
+            pieces: d.envelope(range, slot_s),
+            fits: true,
+            is_signal: false,
+        });
+        let mut lines: Vec<Shown<'a>> = own.chain(more).collect();
+        if scale == Scale::Log {
+            for p in lines.iter_mut().flat_map(|l| l.pieces.iter_mut().flatten()) {
+                p[1] = scale.place(p[1]);
+            }
+        }
+        lines
+    }
+
+    fn plot(
+        &self,
+        ui: &mut Ui,
+        view: &View<'_>,
+        window: &TimeWindow,
+        lines: &[Shown<'_>],
+        extras: &Extras<'_>,
+        frame: &Frame,
+    ) -> egui::Response {
+        let Frame {
+            range,
+            y,
+            size: [width, height],
+            scale,
+            ..
+        } = *frame;
+        let palette = Palette::in_ui(ui);
+        let bounds = PlotBounds::from_min_max([range[0], y[0]], [range[1], y[1]]);
+        let decimals = decimals_for(y[1] - y[0]);
+        let unit = lines.first().map_or("", |l| l.channel.unit());
         let zero_s = view.history.zero_s();
-        let response = still(self.title, width, height)
+        let (grid, of_grid) = axis::grid(y, height - frame.below, scale);
+        still(self.title, width, height)
             .sense(Sense::click_and_drag())
-            .show_axes([self.time_axis == TimeAxis::Shown, true])
-            .y_axis_min_width(Y_AXIS)
-            .y_axis_formatter(move |mark, _| number(mark.value, decimals))
+            .show_axes([self.place.time_axis == TimeAxis::Shown, true])
+            .custom_y_axes(vec![axis::hints(ui, Y_AXIS, of_grid, scale)])
             .x_axis_formatter(move |mark, _| {
                 let t_s = mark.value - zero_s;
                 // A label at the very edge would be cut; nothing happened before the session or the recording began.
@@ -238,10 +366,10 @@ impl TimePlot<'_> {
                     clock(t_s, mark.step_size)
                 }
             })
-            .y_grid_spacer(move |_| marks(bottom, top, height / 26.0))
+            .y_grid_spacer(move |_| grid.clone())
             .x_grid_spacer(move |_| marks_of_time(range, zero_s, width / 90.0))
             .grid_color(palette.line)
-            .link_cursor(egui::Id::unique("time"), [true, false])
+            .link_cursor(Id::unique("time"), [true, false])
             .label_formatter(move |at| match at {
                 HoverPosition::NearDataPoint {
                     plot_name,
@@ -249,135 +377,188 @@ impl TimePlot<'_> {
                     ..
                 } => Some(format!(
                     "{plot_name}\n{} {unit} at {}",
-                    number(position.y, decimals + 1),
+                    number(scale.value(position.y), decimals + 1),
                     clock(position.x - zero_s, 0.1)
                 )),
                 HoverPosition::Elsewhere { .. } => None,
             })
             .show(ui, |plot| {
                 plot.set_plot_bounds(bounds);
-                for [from, to] in extras.shaded {
-                    let [x0, x1] = [from.max(range[0]), to.min(range[1])];
-                    if x0 < x1 {
-                        let corners = [[x0, bottom], [x1, bottom], [x1, top], [x0, top]];
-                        plot.polygon(
-                            egui_plot::Polygon::new("", corners.to_vec())
-                                .fill_color(palette.bar.gamma_multiply(0.35))
-                                .stroke(Stroke::NONE)
-                                .allow_hover(false),
-                        );
-                    }
+                shade(plot, extras.shaded, frame, palette.bar.gamma_multiply(0.35));
+                for line in lines {
+                    self.draw(plot, line, extras.smooth, frame.slot_s, palette);
                 }
-                for (name, channel, dash, pieces) in lines {
-                    let faded = !emphasis.is_empty() && !emphasis.contains(&channel);
-                    let color = palette.signal(channel);
-                    let color = if faded {
-                        color.gamma_multiply(0.25)
-                    } else {
-                        color
-                    };
-                    let style = match dash {
-                        Dash::Solid => LineStyle::Solid,
-                        Dash::Dashed => LineStyle::dashed_dense(),
-                    };
-                    for piece in pieces {
-                        if let Some(band) = Band::of(&name, &piece, slot_s, color, dash) {
-                            plot.add(band);
-                            continue;
-                        }
-                        plot.line(
-                            Line::new(name.clone(), PlotPoints::from(piece))
-                                .color(color)
-                                .width(1.5)
-                                .allow_band(false)
-                                .style(style),
-                        );
-                    }
-                }
-                if let Some(t) = playhead {
-                    plot.vline(
-                        egui_plot::VLine::new("position", t)
-                            .color(palette.text)
-                            .width(1.0)
-                            .allow_hover(false),
-                    );
-                }
-                let named = cursors.into_iter().flat_map(|[a, b]| [(a, "A"), (b, "B")]);
-                let marks = extras.marks.iter().map(|(t, name)| (*t, name.as_str()));
-                for (t, name) in named.chain(marks) {
-                    if t < range[0] || t > range[1] {
-                        continue;
-                    }
-                    plot.vline(
-                        egui_plot::VLine::new(name, t)
-                            .color(palette.text)
-                            .width(1.2)
-                            .style(LineStyle::dashed_loose())
-                            .allow_hover(false),
-                    );
-                    let text = RichText::new(name).small().color(palette.text);
-                    let at = egui_plot::PlotPoint::new(t, bottom + 0.02 * (top - bottom));
-                    // Towards the middle: never beyond the plot's edge.
-                    let anchor = match t < 0.5 * (range[0] + range[1]) {
-                        true => egui::Align2::LEFT_BOTTOM,
-                        false => egui::Align2::RIGHT_BOTTOM,
-                    };
-                    plot.text(
-                        egui_plot::Text::new(name, at, text)
-                            .anchor(anchor)
-                            .allow_hover(false),
-                    );
-                }
+                self.mark(plot, window, extras, frame, palette);
             })
-            .response;
-        response.widget_info(|| WidgetInfo::labeled(Role::Image, true, self.title));
-        if compact {
-            let line = egui::Rect::from_min_size(
-                response.rect.min + vec2(5.0, 1.0),
-                vec2(response.rect.width() - 6.0, 16.0),
-            );
-            // No line of the grid runs through the words.
-            let behind = response
-                .rect
-                .shrink(1.0)
-                .intersect(line.expand2(vec2(9.0, 0.0)));
-            ui.painter()
-                .rect_filled(behind, 0.0, ui.visuals().extreme_bg_color);
-            let layout = Layout::left_to_right(Align::Center);
-            let mut over = ui.new_child(egui::UiBuilder::new().max_rect(line).layout(layout));
-            self.legend(&mut over, extras.lines);
-        }
-        move_cursor(&response, window, range);
-        follow_pointer(ui, &response, window, view.now_s);
+            .response
     }
 
-    fn legend(&self, ui: &mut Ui, drawn: &[Drawn]) {
-        let p = Palette::in_ui(ui);
-        ui.spacing_mut().item_spacing.x = 6.0;
-        ui.spacing_mut().interact_size.y = 16.0;
-        // Nothing here takes the pointer from the plot below.
-        let label = |ui: &mut Ui, text: &str, color| {
-            let text = RichText::new(text).small().color(color);
-            ui.add(egui::Label::new(text).selectable(false))
+    // A line, or where signals are smoothed a pale one with its moving average on it.
+    fn draw(
+        &self,
+        plot: &mut PlotUi<'_>,
+        line: &Shown<'_>,
+        smooth: bool,
+        slot_s: f64,
+        palette: &Palette,
+    ) {
+        let faded = !self.emphasis.is_empty() && !self.emphasis.contains(&line.channel);
+        let color = palette.signal(line.channel);
+        let color = if faded {
+            color.gamma_multiply(0.25)
+        } else {
+            color
         };
-        label(ui, self.title, p.text);
-        if self.legend == Legend::Hidden {
-            return;
-        }
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            ui.spacing_mut().item_spacing.x = 5.0;
-            let own = self.series.iter().map(|s| (&s.name, s.channel, s.dash));
-            let named: Vec<_> = own
-                .chain(drawn.iter().map(|d| (&d.name, d.channel, d.dash)))
-                .filter(|(name, ..)| !name.is_empty())
-                .collect();
-            for (name, channel, dash) in named.into_iter().rev() {
-                label(ui, name, p.weak);
-                swatch(ui, p.signal(channel), dash);
-                ui.add_space(5.0);
+        let smooth = smooth && line.is_signal;
+        let under = if smooth {
+            color.gamma_multiply(UNDER)
+        } else {
+            color
+        };
+        for piece in &line.pieces {
+            if let Some(band) = Band::of(line.name, piece, slot_s, under, line.dash) {
+                plot.add(band);
+            } else {
+                plot.line(stroke(line, piece.clone(), under, 1.5));
             }
-        });
+        }
+        if smooth {
+            for piece in smooth::smoothed(&line.pieces, slot_s) {
+                plot.line(stroke(line, piece, color, 2.0).allow_hover(false));
+            }
+        }
     }
+
+    // The position of a replay, the cursors, and instants with a name.
+    fn mark(
+        &self,
+        plot: &mut PlotUi<'_>,
+        window: &TimeWindow,
+        extras: &Extras<'_>,
+        frame: &Frame,
+        palette: &Palette,
+    ) {
+        let (range, [bottom, top]) = (frame.range, frame.y);
+        if let Some(t) = self.playhead_s {
+            plot.vline(
+                egui_plot::VLine::new("position", t)
+                    .color(palette.text)
+                    .width(1.0)
+                    .allow_hover(false),
+            );
+        }
+        let cursors = window.cursors_s.into_iter();
+        let named = cursors.flat_map(|[a, b]| [(a, "A"), (b, "B")]);
+        let marks = extras.marks.iter().map(|(t, name)| (*t, name.as_str()));
+        for (t, name) in named.chain(marks) {
+            if t < range[0] || t > range[1] {
+                continue;
+            }
+            plot.vline(
+                egui_plot::VLine::new(name, t)
+                    .color(palette.text)
+                    .width(1.2)
+                    .style(LineStyle::dashed_loose())
+                    .allow_hover(false),
+            );
+            let text = RichText::new(name).small().color(palette.text);
+            let at = egui_plot::PlotPoint::new(t, bottom + 0.02 * (top - bottom));
+            // Towards the middle: never beyond the plot's edge.
+            let anchor = match t < 0.5 * (range[0] + range[1]) {
+                true => egui::Align2::LEFT_BOTTOM,
+                false => egui::Align2::RIGHT_BOTTOM,
+            };
+            plot.text(
+                egui_plot::Text::new(name, at, text)
+                    .anchor(anchor)
+                    .allow_hover(false),
+            );
+        }
+    }
+}
+
+/// What a plot shows, and in which size.
+struct Frame {
+    /// First and last instant, s.
+    range: [f64; 2],
+    /// Lower and upper edge.
+    y: [f64; 2],
+    /// Time of a pixel, s.
+    slot_s: f64,
+    /// With its axes, points.
+    size: [f32; 2],
+    /// Height of the labels of the time, points.
+    below: f32,
+    scale: Scale,
+}
+
+/// A y axis that fits the lines, and shows no less than `least`.
+fn fitted(lines: &[Shown<'_>], least: f64) -> [f64; 2] {
+    let mut low = f64::INFINITY;
+    let mut high = f64::NEG_INFINITY;
+    for p in lines
+        .iter()
+        .filter(|l| l.fits)
+        .flat_map(|l| l.pieces.iter().flatten())
+    {
+        low = low.min(p[1]);
+        high = high.max(p[1]);
+    }
+    if !low.is_finite() {
+        return [-0.5 * least, 0.5 * least];
+    }
+    let middle = 0.5 * (low + high);
+    let half = (0.54 * (high - low)).max(0.5 * least);
+    [middle - half, middle + half]
+}
+
+fn stroke<'a>(line: &Shown<'_>, points: Vec<[f64; 2]>, color: Color32, width: f32) -> Line<'a> {
+    let style = match line.dash {
+        Dash::Solid => LineStyle::Solid,
+        Dash::Dashed => LineStyle::dashed_dense(),
+    };
+    Line::new(line.name.to_owned(), PlotPoints::from(points))
+        .color(color)
+        .width(width)
+        .allow_band(false)
+        .style(style)
+}
+
+fn shade(plot: &mut PlotUi<'_>, spans: &[[f64; 2]], frame: &Frame, color: Color32) {
+    let (range, [bottom, top]) = (frame.range, frame.y);
+    for [from, to] in spans {
+        let [x0, x1] = [from.max(range[0]), to.min(range[1])];
+        if x0 < x1 {
+            let corners = [[x0, bottom], [x1, bottom], [x1, top], [x0, top]];
+            plot.polygon(
+                egui_plot::Polygon::new("", corners.to_vec())
+                    .fill_color(color)
+                    .stroke(Stroke::NONE)
+                    .allow_hover(false),
+            );
+        }
+    }
+}
+
+// The row of a low plot, within it; `across`: in its whole width.
+fn over(ui: &mut Ui, rect: Rect, across: bool, row: impl FnOnce(&mut Ui)) {
+    let line = Rect::from_min_size(
+        rect.min + vec2(5.0, 1.0),
+        vec2(rect.width() - 6.0, ROW - 1.0),
+    );
+    let behind = ui.painter().add(egui::Shape::Noop);
+    let layout = Layout::left_to_right(Align::Center);
+    let mut over = ui.new_child(egui::UiBuilder::new().max_rect(line).layout(layout));
+    row(&mut over);
+    // No line runs through the words.
+    let words = match across {
+        true => line,
+        false => over.min_rect(),
+    };
+    let words = rect.shrink(1.0).intersect(words.expand2(vec2(9.0, 0.0)));
+    let fill = ui.visuals().extreme_bg_color;
+    let shape = egui::epaint::RectShape::filled(words, 0.0, fill);
+    ui.painter().set(behind, shape);
 }
 
 /// A plot that the pointer does not move or zoom by itself.
@@ -412,42 +593,33 @@ pub fn swatch(ui: &mut Ui, color: egui::Color32, dash: Dash) {
 }
 
 // A click takes the nearer cursor there.
-fn move_cursor(response: &egui::Response, window: &mut TimeWindow, [from, to]: [f64; 2]) {
+fn move_cursor(response: &egui::Response, window: &mut TimeWindow, area: &Area) {
     let Some(cursors) = &mut window.cursors_s else {
         return;
     };
     if response.clicked()
         && let Some(at) = response.interact_pointer_pos()
     {
-        let ratio = f64::from((at.x - response.rect.left()) / response.rect.width());
-        let t = from + ratio.clamp(0.0, 1.0) * (to - from);
+        let t = area.instant(at);
         let nearer = usize::from((cursors[1] - t).abs() < (cursors[0] - t).abs());
         cursors[nearer] = t;
     }
 }
 
-// Scroll zooms about the end, drag pans (and freezes), a double click follows again.
-fn follow_pointer(ui: &Ui, response: &egui::Response, window: &mut TimeWindow, now_s: f64) {
-    if response.double_clicked() {
-        window.frozen_end_s = None;
-    } else if response.dragged() {
-        let dt = f64::from(response.drag_delta().x / response.rect.width()) * window.span_s;
-        if dt != 0.0 {
-            let end = window.frozen_end_s.unwrap_or(now_s) - dt;
-            window.frozen_end_s = Some(end.min(now_s));
-        }
-    }
-    if response.hovered() {
-        let scroll = f64::from(ui.input(|i| i.smooth_scroll_delta().y));
-        if scroll != 0.0 {
-            window.span_s = (window.span_s * (-scroll * 0.003).exp()).clamp(1.0, 600.0);
-        }
-    }
-}
-
 /// A line without axes, for the last seconds of one signal.
 pub fn sparkline(ui: &mut Ui, view: &View<'_>, channel: Channel, span_s: f64, min_span: f64) {
-    let size = vec2(ui.available_width().max(20.0), 18.0);
+    sparkline_of(ui, view, channel, [span_s, min_span], 18.0);
+}
+
+/// As [`sparkline`], in `height` points of height.
+pub fn sparkline_of(
+    ui: &mut Ui,
+    view: &View<'_>,
+    channel: Channel,
+    [span_s, min_span]: [f64; 2],
+    height: f32,
+) {
+    let size = vec2(ui.available_width().max(20.0), height);
     let (rect, response) = ui.allocate_exact_size(size, Sense::hover());
     let p = Palette::in_ui(ui);
     let from = view.now_s - span_s;

@@ -7,7 +7,9 @@ use std::time::Duration;
 
 use egui::{Align, Button, Layout, RichText, Ui, vec2};
 
+use super::agreement::{self, SPARK, Spark};
 use super::operating::{hold_gate, mode_words, severity_level};
+use super::rec::{self, Rec};
 use super::target::{Fire, HoldToGo};
 use super::toasts::Messages;
 use super::widgets::{age, badge, gated, goes_down, minutes, note, status};
@@ -21,6 +23,9 @@ pub use keys::{KeyAction, keys, shortcuts};
 
 /// Age above which link and ground truth count as late, s.
 const LATE_S: f64 = 0.25;
+
+/// Gauge pressure up to which a chamber counts as empty, Pa.
+const EMPTY_PA: f64 = 2e3;
 
 /// A simulation with a real-time factor from here on keeps up.
 const KEEPS_UP: f64 = 0.95;
@@ -37,8 +42,6 @@ pub struct ShellInput<'a> {
     pub window_s: f64,
     /// What is being connected to, if anything is.
     pub joining: Option<&'a str>,
-    /// Seconds the running recording has lasted.
-    pub recording_s: Option<f64>,
     /// Whether the window was opened onto a twin.
     pub twin: bool,
     /// Whether the twin behind the window has ended.
@@ -74,6 +77,10 @@ pub enum ShellAction {
     ChoosePort,
     /// Freeze the plots, or follow the newest values.
     ToggleFreeze,
+    /// Open the list of messages.
+    ShowMessages,
+    /// Open the list of alarms.
+    ShowAlarms,
     /// Stop connecting.
     CancelConnecting,
 }
@@ -143,12 +150,13 @@ impl Vent {
     pub fn is_offered(s: &Snapshot) -> bool {
         let rests = !matches!(s.mode, Mode::Moving | Mode::AtGoal);
         let has_air = s.raw.as_ref().is_some_and(|r| {
-            (0..CHAMBERS).any(|i| r.has_chamber(i) && r.chamber_pa[i].abs() > 2e3)
+            (0..CHAMBERS).any(|i| r.has_chamber(i) && r.chamber_pa[i].abs() > EMPTY_PA)
         });
         s.link.venting || (rests && has_air)
     }
 
-    fn gate(live: &View<'_>) -> Gate {
+    /// Whether the air may be let out, or why not.
+    pub fn gate(live: &View<'_>) -> Gate {
         let link = &live.snapshot.link;
         live.live()?;
         if link.venting {
@@ -183,6 +191,7 @@ pub fn top_bar(
     ui: &mut Ui,
     live: &View<'_>,
     (resume, vent): (&mut Resume, &mut Vent),
+    rec: &mut Rec<'_>,
     commands: &mut Vec<Command>,
 ) -> Pressed {
     let s = live.snapshot;
@@ -191,6 +200,7 @@ pub fn top_bar(
         stop(ui, commands);
         hold(ui, s, commands);
         alarms(ui, s);
+        rec::button(ui, live, rec, commands);
         // Away from HOLD: a second press on that never reaches it.
         if Resume::is_offered(s) {
             resume.ui(ui, live, commands);
@@ -259,6 +269,11 @@ fn hold(ui: &mut Ui, s: &Snapshot, commands: &mut Vec<Command>) {
     }
 }
 
+/// Id of the list of alarms.
+pub fn alarms_id() -> egui::Id {
+    egui::Id::unique("alarms")
+}
+
 fn alarms(ui: &mut Ui, s: &Snapshot) {
     let p = Palette::in_ui(ui);
     let level = s.alarms.iter().map(|a| severity_level(a.severity)).max();
@@ -272,6 +287,7 @@ fn alarms(ui: &mut Ui, s: &Snapshot) {
         .add(Button::new(RichText::new(text).color(color)).min_size(vec2(0.0, 40.0)))
         .on_hover_text("All active alarms");
     egui::Popup::menu(&response)
+        .id(alarms_id())
         .accessible_name("Alarms")
         .show(|ui| {
             ui.set_max_width(420.0);
@@ -300,7 +316,7 @@ pub struct Pressed {
     pub twin: bool,
 }
 
-/// Name of the item that shows how far twin and arm disagree.
+/// The item that shows whether twin and arm agree, by its words alone.
 const TWIN: &str = "twin";
 
 /// One name and value of the top bar.
@@ -311,12 +327,17 @@ struct Item {
     hover: String,
     /// Whether it was true when data came last: greyed.
     stale: bool,
+    /// How it was before.
+    spark: Option<Spark>,
+    /// Whether it has nothing to show: grey.
+    is_quiet: bool,
 }
 
 impl Item {
     /// Abnormal ones get glyph and colour.
     fn name(&self) -> String {
         match self.level {
+            _ if self.name == TWIN => String::new(),
             Level::Normal => self.name.to_owned(),
             level => format!("{} {}", level.glyph(), self.name),
         }
@@ -330,7 +351,8 @@ impl Item {
                 .layout_no_wrap(text, font.clone(), egui::Color32::WHITE);
             galley.size().x
         };
-        of(self.name()) + 5.0 + of(self.value.clone()) + ITEM_GAP
+        let spark = self.spark.as_ref().map_or(0.0, |_| SPARK + 5.0);
+        of(self.name()) + 5.0 + of(self.value.clone()) + spark + ITEM_GAP
     }
 
     /// Shows it; whether it was clicked.
@@ -338,7 +360,11 @@ impl Item {
         let p = Palette::in_ui(ui);
         let share = if self.stale { STALE_OPACITY } else { 1.0 };
         ui.spacing_mut().item_spacing.x = 5.0;
-        let color = p.level_text(self.level).gamma_multiply(share);
+        let color = match self.is_quiet {
+            true => p.weak,
+            false => p.level_text(self.level),
+        };
+        let color = color.gamma_multiply(share);
         let value = RichText::new(&self.value).color(color);
         let sense = match self.name {
             TWIN => egui::Sense::click(),
@@ -347,6 +373,17 @@ impl Item {
         let label = |ui: &mut Ui, text: RichText| ui.add(egui::Label::new(text).sense(sense));
         let response = match self.name {
             "" => label(ui, value),
+            TWIN => {
+                let words = label(ui, value);
+                match &self.spark {
+                    Some(spark) => {
+                        let (rect, line) = ui.allocate_exact_size(vec2(SPARK, 16.0), sense);
+                        spark.paint(ui, rect, color);
+                        words.union(line)
+                    }
+                    None => words,
+                }
+            }
             _ => {
                 let color = p.level(self.level).gamma_multiply(share);
                 let name = label(ui, RichText::new(self.name()).color(color));
@@ -438,6 +475,8 @@ fn items(live: &View<'_>) -> Vec<Item> {
         value,
         hover,
         stale: false,
+        spark: None,
+        is_quiet: false,
     };
     let (springs, imus) = s.sensors.as_ref().map_or((0, 0), |f| {
         (f.health.springs_usable(), f.health.imus_usable())
@@ -479,20 +518,13 @@ fn items(live: &View<'_>) -> Vec<Item> {
         let ago = format!("{} ago", age(stale_s));
         all.push(item(Level::Normal, "", ago, hover.into()));
     }
-    all.extend(s.disagreement.as_ref().map(|d| {
-        let hover = format!(
-            "How far twin and arm disagree, over the limit: most in {}; in order until {:.0} s ago.{} Click to find out what is missing.",
-            d.channel,
-            (s.stamp.seconds() - d.since_s).max(0.0),
-            if d.ratio > 1.0 { d.looks_like() } else { String::new() }
-        );
-        item(
-            warn_if(d.ratio > 1.0),
-            TWIN,
-            format!("{:.1}", d.ratio),
-            hover,
-        )
-    }));
+    let light = agreement::light(live);
+    all.push(Item {
+        stale,
+        spark: agreement::spark(live),
+        is_quiet: s.disagreement.is_none(),
+        ..item(light.level, TWIN, light.text, light.hover)
+    });
     all.extend([
         vicon,
         item(
@@ -592,8 +624,8 @@ pub fn rail(ui: &mut Ui, current: ScreenId, actions: &mut Vec<ShellAction>) {
     });
 }
 
-/// The strip at the bottom: the newest message or the most urgent alarm (a critical one first), the recording, and
-/// all messages.
+/// The strip at the bottom: the newest message or the most urgent alarm (a critical one first), the rolling
+/// recording, and all messages.
 pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
     let s = input.live.snapshot;
     ui.horizontal_centered(|ui| {
@@ -620,11 +652,6 @@ pub fn strip(ui: &mut Ui, input: &ShellInput<'_>) {
             }
             input.messages.button(ui, input.window_s);
             super::recordings::in_strip(ui, s);
-            if let (Some(name), Some(t)) = (&s.recording, input.recording_s) {
-                let color = Palette::in_ui(ui).critical;
-                ui.label(RichText::new(format!("● {name} {}", minutes(t))).color(color))
-                    .on_hover_text("Recording");
-            }
         });
     });
 }

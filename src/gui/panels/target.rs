@@ -5,11 +5,13 @@ mod course;
 use egui::text::{CCursor, CCursorRange};
 use egui::{Button, RichText, TextEdit, Ui, vec2};
 
-use super::widgets::{Gate, gated, heading, note, number};
+use super::readiness;
+use super::widgets::{Gate, gated, note, number};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
+use crate::robot::RobotSpec;
 use crate::signal::{
-    ArmingCheck, CHAMBERS, ControllerKind, Goal, Gripper, Mode, Reach, ReachState, Severity,
+    ArmingCheck, CHAMBERS, ControllerKind, Goal, Gripper, Mode, Reach, ReachState,
 };
 use crate::twin::Command;
 pub use course::{Course, Said};
@@ -24,6 +26,8 @@ pub struct TargetDraft {
     pub text: [String; 3],
     /// What has become of the target that was asked about or gone to.
     pub course: Course,
+    /// Whether the arm has been moved since the window was opened: no first move is offered then.
+    pub has_moved: bool,
     hold: HoldToGo,
     open: HoldToGo,
     arm: HoldToGo,
@@ -219,19 +223,58 @@ pub fn go_gate(view: &View<'_>, draft: &TargetDraft) -> Gate {
     }
 }
 
+/// Position of the tip without pressure and load, straight below the base, m.
+pub fn home_m(spec: &RobotSpec) -> [f64; 3] {
+    [0.0, 0.0, -(2.0 * spec.rest_length_m + spec.pad_thickness_m)]
+}
+
+/// A place to the side of the rest position that an arm reaches easily: where a newcomer sends it first, m.
+pub fn first_m(spec: &RobotSpec) -> [f64; 3] {
+    let [.., z] = home_m(spec);
+    [-0.15 * z, -0.10 * z, z]
+}
+
+/// Whether a newcomer is offered a first move: nothing was chosen yet, and nothing can break.
+pub fn offers_first(view: &View<'_>, draft: &TargetDraft) -> bool {
+    let s = view.snapshot;
+    let rests = matches!(s.mode, Mode::Disarmed | Mode::Hold) && s.routine.is_none();
+    let empty = draft.text.iter().all(String::is_empty) && s.goal.is_none() && s.preview.is_none();
+    rests && empty && !draft.has_moved && !s.link.moves_hardware() && view.motion().is_ok()
+}
+
+/// The first move, in one press.
+pub fn send_first(view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
+    draft.text = first_m(view.spec).map(|v| number(v * 1e3, 1).replace('−', "-"));
+    if let Ok(target_m) = draft.parse() {
+        arm_simulated(view, commands);
+        commands.push(Command::Goto(Goal::position(target_m)));
+        draft.course.send(target_m, view.snapshot);
+    }
+}
+
+/// A button that stands out: what a newcomer presses first.
+pub fn highlighted(text: &str, p: &Palette) -> Button<'static> {
+    Button::new(RichText::new(text.to_owned()).color(p.window).strong()).fill(p.ready)
+}
+
 /// The panel.
 pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
+    ui.spacing_mut().item_spacing.y = 5.0;
     arming(ui, view, &mut draft.arm, commands);
     let submitted = fields(ui, draft);
     let parsed = draft.parse();
     let live = view.live();
     let preview_gate = live.clone().and(parsed.clone().map(|_| ()));
-    let half = vec2((ui.available_width() - 8.0) / 2.0, 30.0);
+    let buttons = if is_armed(view) { 4.0 } else { 3.0 };
+    let one = vec2(
+        (ui.available_width() - 8.0 * (buttons - 1.0)) / buttons,
+        28.0,
+    );
     ui.horizontal(|ui| {
         let clicked = gated(
             ui,
             &preview_gate,
-            Button::new("Preview").min_size(half),
+            Button::new("Preview").min_size(one),
             "Check whether the tip can get there. Nothing moves (Enter).",
         )
         .clicked();
@@ -246,7 +289,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
         if gated(
             ui,
             &cancel,
-            Button::new("Cancel").min_size(half),
+            Button::new("Cancel").min_size(one),
             "Forget the target under preview (Esc)",
         )
         .clicked()
@@ -254,9 +297,20 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
             draft.course.forget();
             commands.push(Command::CancelPreview);
         }
+        let hover = "Take the rest position, straight below the base, as the target and preview it. Nothing moves.";
+        if gated(ui, &live, Button::new("Home").min_size(one), hover).clicked() {
+            draft.set(home_m(view.spec), commands);
+        }
+        if is_armed(view) {
+            let button = Button::new("Disarm").min_size(one);
+            if gated(ui, &live, button, "Stop commanding pressures").clicked() {
+                commands.push(Command::Disarm);
+            }
+        }
     });
     let reach = parsed.as_ref().ok().and_then(|&t| preview_of(view, t));
-    verdict_box(ui, view, draft, &parsed, reach);
+    card(ui, view, draft, &parsed, reach, commands);
+    let half = vec2((ui.available_width() - 8.0) / 2.0, 29.0);
     ui.horizontal(|ui| {
         go(ui, view, draft, half, commands);
         let nearest = match (&live, reach) {
@@ -277,34 +331,38 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
             draft.set(r.nearest_m, commands);
         }
     });
-    progress(ui, view);
-    ui.separator();
-    controller(ui, view, commands);
-    hand(ui, view, draft, commands);
+    ui.horizontal(|ui| {
+        controller(ui, view, commands);
+        payload(ui, view, commands);
+    });
+    ui.horizontal(|ui| {
+        hand(ui, view, draft, commands);
+        // Hardware has the list itself above, while it is disarmed.
+        readiness::button(ui, view);
+    });
 }
 
 fn fields(ui: &mut Ui, draft: &mut TargetDraft) -> bool {
-    let width = (ui.available_width() - 16.0) / 3.0;
+    let width = (ui.available_width() - 3.0 * 20.0 - 28.0) / 3.0;
     let mut submitted = false;
     ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 6.0;
         for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
-            ui.vertical(|ui| {
-                ui.spacing_mut().item_spacing.y = 2.0;
-                heading(ui, &format!("{name} / mm"));
-                let edit = TextEdit::singleline(&mut draft.text[i])
-                    .id_salt(("target", i))
-                    .desired_width(width)
-                    .align(egui::Align2::RIGHT_CENTER);
-                let response = ui
-                    .add(edit)
-                    .accessible_name(format!("Target {name} in mm"))
-                    .on_hover_text("In the base frame: origin at the fixed top pad, z up");
-                if response.gained_focus() {
-                    select_all(ui, response.id, draft.text[i].chars().count());
-                }
-                submitted |= response.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
-            });
+            note(ui, name);
+            let edit = TextEdit::singleline(&mut draft.text[i])
+                .id_salt(("target", i))
+                .desired_width(width)
+                .align(egui::Align2::RIGHT_CENTER);
+            let response = ui
+                .add(edit)
+                .accessible_name(format!("Target {name} in mm"))
+                .on_hover_text("In the base frame: origin at the fixed top pad, z up");
+            if response.gained_focus() {
+                select_all(ui, response.id, draft.text[i].chars().count());
+            }
+            submitted |= response.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
         }
+        note(ui, "mm");
     });
     submitted
 }
@@ -318,12 +376,14 @@ fn select_all(ui: &Ui, id: egui::Id, chars: usize) {
     }
 }
 
-fn verdict_box(
+/// What becomes of the target: the verdict, then the motion, then its result.
+fn card(
     ui: &mut Ui,
     view: &View<'_>,
-    draft: &TargetDraft,
+    draft: &mut TargetDraft,
     parsed: &Result<[f64; 3], String>,
     reach: Option<&Reach>,
+    commands: &mut Vec<Command>,
 ) {
     let p = *Palette::in_ui(ui);
     egui::Frame::new()
@@ -333,52 +393,71 @@ fn verdict_box(
         .inner_margin(8)
         .show(ui, |ui| {
             ui.set_width(ui.available_width());
-            // Four lines: what stands below stays where it is, whatever is typed and found.
-            ui.set_min_height(76.0);
+            // Three lines: what stands below stays where it is, whatever is typed and found, unless a reason is long.
+            ui.set_min_height(60.0);
             ui.spacing_mut().item_spacing.y = 3.0;
             let target_m = parsed.as_ref().ok().filter(|_| view.replay.is_none());
             let said = target_m.and_then(|t| draft.course.says(t, view.snapshot));
             let settled = target_m.is_some_and(|t| draft.course.is_settled(t));
-            let Some(reach) = reach.filter(|_| !settled) else {
-                match (said, parsed) {
-                    (Some(said), _) => {
-                        let color = match said.level {
-                            Level::Normal => p.text,
-                            level => p.level(level),
-                        };
-                        ui.label(RichText::new(said.title).color(color));
-                        note(ui, said.detail);
-                    }
-                    (None, Ok(_)) => {
-                        note(ui, "Not checked yet: press Preview. Nothing moves.");
-                    }
-                    (None, Err(_)) if draft.text.iter().all(String::is_empty) => {
-                        note(ui, "No target. Click in the 3D view, or type x, y and z.");
-                    }
-                    (None, Err(reason)) => {
-                        ui.label(RichText::new(format!("▲ {reason}")).color(p.warning));
+            match (reach.filter(|_| !settled), said, parsed) {
+                (Some(reach), ..) => verdict_lines(ui, view, reach, parsed),
+                (None, Some(said), _) => progress(ui, &said),
+                (None, None, Ok(_)) => {
+                    note(ui, "Not checked yet: press Preview. Nothing moves.");
+                }
+                (None, None, Err(_)) if draft.text.iter().all(String::is_empty) => {
+                    note(ui, "No target. Click in the 3D view, or type x, y and z.");
+                    if offers_first(view, draft) {
+                        let hover = "Move the simulated arm to the marked place: nothing can break";
+                        let button = highlighted("▶ Send it here", &p);
+                        if ui.add(button).on_hover_text(hover).clicked() {
+                            send_first(view, draft, commands);
+                        }
                     }
                 }
-                return;
-            };
-            let v = verdict(reach);
-            let color = if v.level == Level::Normal {
-                p.text
-            } else {
-                p.level(v.level)
-            };
-            ui.label(RichText::new(format!("{} {}", v.glyph, v.title)).color(color));
-            note(ui, v.detail);
-            if let (Some(e), Ok(t)) = (&view.snapshot.estimate, parsed) {
-                let d = (e.base_from_tip.translation.vector - nalgebra::Vector3::from(*t)).norm();
-                let text = format!(
-                    "{} mm to move, at least {} s",
-                    number(d * 1e3, 1),
-                    number(d / view.spec.tip_speed_max_m_s, 0)
-                );
-                note(ui, text).on_hover_text("At the fastest tip speed of the robot file");
+                (None, None, Err(reason)) => {
+                    ui.label(RichText::new(format!("▲ {reason}")).color(p.warning));
+                }
             }
         });
+}
+
+/// The motion or its result.
+fn progress(ui: &mut Ui, said: &Said) {
+    let p = *Palette::in_ui(ui);
+    let color = match said.level {
+        Level::Normal => p.text,
+        level => p.level(level),
+    };
+    ui.label(RichText::new(&said.title).color(color));
+    if let Some(share) = said.share {
+        let bar = egui::ProgressBar::new(share)
+            .desired_width(ui.available_width())
+            .desired_height(8.0);
+        ui.add(bar).on_hover_text("Share of the way that is done");
+    }
+    note(ui, &said.detail);
+}
+
+fn verdict_lines(ui: &mut Ui, view: &View<'_>, reach: &Reach, parsed: &Result<[f64; 3], String>) {
+    let p = *Palette::in_ui(ui);
+    let v = verdict(reach);
+    let color = if v.level == Level::Normal {
+        p.text
+    } else {
+        p.level(v.level)
+    };
+    ui.label(RichText::new(format!("{} {}", v.glyph, v.title)).color(color));
+    note(ui, v.detail);
+    if let (Some(e), Ok(t)) = (&view.snapshot.estimate, parsed) {
+        let d = (e.base_from_tip.translation.vector - nalgebra::Vector3::from(*t)).norm();
+        let text = format!(
+            "{} mm to move, at least {} s",
+            number(d * 1e3, 1),
+            number(d / view.spec.tip_speed_max_m_s, 0)
+        );
+        note(ui, text).on_hover_text("At the fastest tip speed of the robot file");
+    }
 }
 
 fn go(
@@ -398,46 +477,32 @@ fn go(
         arm_simulated(view, commands);
         commands.push(Command::Go);
         if let Ok(target_m) = draft.parse() {
-            draft.course.send(target_m, view.snapshot.stamp);
+            draft.course.send(target_m, view.snapshot);
         }
     }
 }
 
-fn progress(ui: &mut Ui, view: &View<'_>) {
-    let (Some(goal), Some(e)) = (&view.snapshot.goal, &view.snapshot.estimate) else {
-        note(ui, "No goal.");
-        return;
-    };
-    let d = (e.base_from_tip.translation.vector - nalgebra::Vector3::from(goal.position_m)).norm();
-    let [x, y, z] = goal.position_m.map(|v| number(v * 1e3, 1));
-    note(ui, format!("{} mm to the present goal", number(d * 1e3, 1))).on_hover_text(format!(
-        "Goal at {x}, {y}, {z} mm. Distance by the estimate, not by motion capture."
-    ));
-}
-
 fn controller(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
     let gate = view.live();
-    ui.horizontal(|ui| {
-        note(ui, "Controller");
-        for (kind, name, hover) in [
-            (
-                ControllerKind::NullSpaceQp,
-                "QP",
-                "Null-space QP: a quadratic program within the pressure bounds, which keeps pressures centred",
-            ),
-            (
-                ControllerKind::PaperAdrc,
-                "ADRC",
-                "ADRC (paper): the paper's sensor-space descent with an active disturbance rejection loop",
-            ),
-        ] {
-            let chosen = view.snapshot.controller == kind;
-            let button = Button::selectable(chosen, name).frame_when_inactive(true);
-            if gated(ui, &gate, button, hover).clicked() && !chosen {
-                commands.push(Command::Steer(kind));
-            }
+    note(ui, "Controller");
+    for (kind, name, hover) in [
+        (
+            ControllerKind::NullSpaceQp,
+            "QP",
+            "Null-space QP: a quadratic program within the pressure bounds, which keeps pressures centred",
+        ),
+        (
+            ControllerKind::PaperAdrc,
+            "ADRC",
+            "ADRC (paper): the paper's sensor-space descent with an active disturbance rejection loop",
+        ),
+    ] {
+        let chosen = view.snapshot.controller == kind;
+        let button = Button::selectable(chosen, name).frame_when_inactive(true);
+        if gated(ui, &gate, button, hover).clicked() && !chosen {
+            commands.push(Command::Steer(kind));
         }
-    });
+    }
 }
 
 /// Whether the gripper may be worked: what is asked for must be done now, not at the next arming.
@@ -450,88 +515,64 @@ pub fn gripper_gate(view: &View<'_>) -> Gate {
 }
 
 fn hand(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
-    let gate = view.live();
     let grip = gripper_gate(view);
     let commanded = view.snapshot.command.as_ref().and_then(|c| c.gripper());
     let now = commanded.or(view.snapshot.link.gripper);
-    ui.horizontal(|ui| {
-        note(ui, "Gripper");
-        // What it holds would fall.
-        let drops = view.snapshot.link.moves_hardware() && view.snapshot.payload_kg > 0.0;
-        if drops && now != Some(Gripper::Open) {
-            let fire = Fire {
-                now: "Open",
-                hold: "Hold to open",
-                hover: "Open the gripper: it lets its load go",
-            };
-            let gate = grip.clone().and(match view.snapshot.mode {
-                Mode::Hold => Ok(()),
-                _ => Err("The arm moves with a load: hold it first.".into()),
-            });
-            let size = vec2(0.0, 0.0);
-            if draft.open.button(ui, view, &gate, &fire, size) {
-                commands.push(Command::Grip(Gripper::Open));
-            }
-        }
-        for (gripper, name) in [(Gripper::Open, "Open"), (Gripper::Closed, "Closed")] {
-            if drops && gripper == Gripper::Open && now != Some(Gripper::Open) {
-                continue;
-            }
-            let button = Button::selectable(now == Some(gripper), name).frame_when_inactive(true);
-            if gated(ui, &grip, button, "Open or close the gripper").clicked() {
-                commands.push(Command::Grip(gripper));
-            }
-        }
-    });
-    ui.horizontal(|ui| {
-        let label = note(ui, "Payload");
-        let mut grams = view.snapshot.payload_kg * 1e3;
-        let drag = egui::DragValue::new(&mut grams)
-            .range(0.0..=view.spec.payload_max_kg * 1e3)
-            .speed(1.0)
-            .max_decimals(0)
-            .update_while_editing(false)
-            .suffix(" g");
-        let response = ui.add_enabled(gate.is_ok(), drag).labelled_by(label.id);
-        if response.changed() {
-            commands.push(Command::DeclarePayload(grams * 1e-3));
-        }
-        match gate {
-            Ok(()) => response.on_hover_text("Mass in the gripper as you believe it, g"),
-            Err(reason) => response.on_disabled_hover_text(reason),
+    note(ui, "Gripper");
+    // What it holds would fall.
+    let drops = view.snapshot.link.moves_hardware() && view.snapshot.payload_kg > 0.0;
+    if drops && now != Some(Gripper::Open) {
+        let fire = Fire {
+            now: "Open",
+            hold: "Hold to open",
+            hover: "Open the gripper: it lets its load go",
         };
-    });
+        let gate = grip.clone().and(match view.snapshot.mode {
+            Mode::Hold => Ok(()),
+            _ => Err("The arm moves with a load: hold it first.".into()),
+        });
+        let size = vec2(0.0, 0.0);
+        if draft.open.button(ui, view, &gate, &fire, size) {
+            commands.push(Command::Grip(Gripper::Open));
+        }
+    }
+    for (gripper, name) in [(Gripper::Open, "Open"), (Gripper::Closed, "Closed")] {
+        if drops && gripper == Gripper::Open && now != Some(Gripper::Open) {
+            continue;
+        }
+        let button = Button::selectable(now == Some(gripper), name).frame_when_inactive(true);
+        if gated(ui, &grip, button, "Open or close the gripper").clicked() {
+            commands.push(Command::Grip(gripper));
+        }
+    }
 }
 
-/// The named checks before hardware may move.
-pub fn arming_checks(view: &View<'_>) -> Vec<(&'static str, Gate)> {
+/// What the operator believes is in the gripper.
+fn payload(ui: &mut Ui, view: &View<'_>, commands: &mut Vec<Command>) {
+    let gate = view.live();
+    let label = note(ui, "Payload");
+    let mut grams = view.snapshot.payload_kg * 1e3;
+    let drag = egui::DragValue::new(&mut grams)
+        .range(0.0..=view.spec.payload_max_kg * 1e3)
+        .speed(1.0)
+        .max_decimals(0)
+        .update_while_editing(false)
+        .suffix(" g");
+    let response = ui.add_enabled(gate.is_ok(), drag).labelled_by(label.id);
+    if response.changed() {
+        commands.push(Command::DeclarePayload(grams * 1e-3));
+    }
+    match gate {
+        Ok(()) => response.on_hover_text("Mass in the gripper as you believe it, g"),
+        Err(reason) => response.on_disabled_hover_text(reason),
+    };
+}
+
+/// Whether hardware has been armed, and may move after its check of the gauges.
+fn is_armed(view: &View<'_>) -> bool {
     let s = view.snapshot;
-    let check = |ok: bool, why: &str| if ok { Ok(()) } else { Err(why.to_owned()) };
-    let gauges = s.sensors.as_ref().map_or(0, |f| {
-        f.health.chambers.iter().filter(|h| h.usable()).count()
-    });
-    vec![
-        (
-            "Link",
-            check(s.link.connected && s.link.age_s < 0.25, "no fresh frames"),
-        ),
-        (
-            "Pressure gauges",
-            check(gauges == CHAMBERS, "a gauge is not usable"),
-        ),
-        ("Estimate", check(s.estimate.is_some(), "no tip pose yet")),
-        (
-            "Calibration",
-            s.calibration_refusal.clone().map_or(Ok(()), Err),
-        ),
-        (
-            "Alarms",
-            check(
-                s.alarms.iter().all(|a| a.severity < Severity::Critical),
-                "a critical alarm holds",
-            ),
-        ),
-    ]
+    let off = matches!(s.mode, Mode::Disarmed | Mode::Safe(_));
+    s.link.moves_hardware() && !off && s.gauge_check != ArmingCheck::Due
 }
 
 fn arming(ui: &mut Ui, view: &View<'_>, arm: &mut HoldToGo, commands: &mut Vec<Command>) {
@@ -543,31 +584,12 @@ fn arming(ui: &mut Ui, view: &View<'_>, arm: &mut HoldToGo, commands: &mut Vec<C
         let text = format!("The gauges are checked: chamber {} of {CHAMBERS}", i + 1);
         super::widgets::status(ui, Level::Warning, &text);
     }
-    if s.mode != Mode::Disarmed && s.gauge_check != ArmingCheck::Due {
-        if gated(
-            ui,
-            &view.live(),
-            Button::new("Disarm"),
-            "Stop commanding pressures",
-        )
-        .clicked()
-        {
-            commands.push(Command::Disarm);
-        }
-        ui.separator();
+    if is_armed(view) {
         return;
     }
-    let checks = arming_checks(view);
-    for (name, check) in &checks {
-        match check {
-            Ok(()) => note(ui, format!("● {name}")),
-            Err(why) => super::widgets::status(ui, Level::Warning, &format!("{name}: {why}")),
-        };
-    }
-    let gate = view.live().and(match checks.iter().find(|c| c.1.is_err()) {
-        Some((name, _)) => Err(format!("The check “{name}” has not passed.")),
-        None => Ok(()),
-    });
+    let checks = readiness::checks(view);
+    readiness::list(ui, &checks);
+    let gate = view.live().and(readiness::gate(&checks));
     let fire = Fire {
         now: "Arm",
         hold: "Hold to arm",

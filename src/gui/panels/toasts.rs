@@ -163,11 +163,11 @@ impl Messages {
     /// The button that opens the list of all messages.
     pub fn button(&self, ui: &mut Ui, now_s: f64) {
         let response = ui
-            .button(format!("Messages {}", self.len()))
-            .on_hover_text("Messages of the program, newest first");
+            .button(self.counted())
+            .on_hover_text("Messages of the program, critical ones first");
         egui::Popup::menu(&response)
             // The button's own id changes when a banner comes or goes: the list would close.
-            .id(Id::unique("messages"))
+            .id(list_id())
             .accessible_name("Messages")
             .close_behavior(egui::PopupCloseBehavior::CloseOnClickOutside)
             .show(|ui| {
@@ -189,17 +189,45 @@ impl Messages {
                 egui::ScrollArea::vertical()
                     .max_height(320.0)
                     .show(ui, |ui| {
-                        let listed = self.iter().rev().filter(|m| shown.includes(m.level));
-                        let mut none = true;
-                        for m in listed {
-                            line(ui, m, now_s);
-                            none = false;
-                        }
-                        if none {
+                        if !self.iter().any(|m| shown.includes(m.level)) {
                             note(ui, "All messages are hidden: press a button above.");
+                        }
+                        for (level, name) in LEVELS {
+                            if shown.includes(level) {
+                                self.group(ui, level, name, now_s);
+                            }
                         }
                     });
             });
+    }
+
+    /// The label of the list's button: how many there are, and how many of them are warnings and critical.
+    fn counted(&self) -> String {
+        let of = |level: Level| match self.of(level).count() {
+            0 => String::new(),
+            n => format!(" {}{n}", level.glyph()),
+        };
+        let [warnings, critical] = [Level::Warning, Level::Critical].map(of);
+        format!("Messages {}{warnings}{critical}", self.len())
+    }
+
+    /// The messages of a level, newest first.
+    fn of(&self, level: Level) -> impl Iterator<Item = &Message> {
+        self.iter().rev().filter(move |m| m.level == level)
+    }
+
+    /// The messages of a level under their heading, newest first; nothing where there are none.
+    fn group(&self, ui: &mut Ui, level: Level, name: &str, now_s: f64) {
+        let mut all = self.of(level).peekable();
+        if all.peek().is_none() {
+            return;
+        }
+        let color = Palette::in_ui(ui).level(level);
+        ui.label(RichText::new(name).small().strong().color(color));
+        for m in all {
+            line(ui, m, now_s);
+        }
+        ui.add_space(4.0);
     }
 
     /// One button per level that shows and hides its messages; gives what is shown.
@@ -207,11 +235,8 @@ impl Messages {
         let id = Id::unique("shown messages");
         let mut shown = ui.data(|d| d.get_temp::<Shown>(id)).unwrap_or_default();
         ui.horizontal(|ui| {
-            for (i, level) in LEVELS.into_iter().enumerate() {
-                let n = self.kept.iter().filter(|m| m.level == level).count();
-                let name = ["Notices", "Warnings", "Critical"][i];
-                let text = format!("{} {name} {n}", level.glyph());
-                let on = &mut shown.0[i];
+            for ((level, name), on) in LEVELS.into_iter().zip(&mut shown.0) {
+                let text = format!("{} {name} {}", level.glyph(), self.of(level).count());
                 let button = Button::selectable(*on, text);
                 if ui
                     .add(button)
@@ -227,8 +252,17 @@ impl Messages {
     }
 }
 
-/// Levels in the order of their buttons.
-const LEVELS: [Level; 3] = [Level::Normal, Level::Warning, Level::Critical];
+/// Id of the list of messages.
+pub fn list_id() -> Id {
+    Id::unique("messages")
+}
+
+/// Levels with their names, in the order of the groups and of their buttons.
+const LEVELS: [(Level, &str); 3] = [
+    (Level::Critical, "Critical"),
+    (Level::Warning, "Warnings"),
+    (Level::Normal, "Notices"),
+];
 
 /// Which levels the list shows.
 #[derive(Clone, Copy, Debug)]
@@ -242,8 +276,10 @@ impl Default for Shown {
 
 impl Shown {
     fn includes(self, level: Level) -> bool {
-        let of = |(l, on): (Level, bool)| l == level && on;
-        LEVELS.into_iter().zip(self.0).any(of)
+        LEVELS
+            .iter()
+            .zip(self.0)
+            .any(|((l, _), on)| *l == level && on)
     }
 }
 
@@ -311,6 +347,20 @@ mod tests {
         assert_eq!(m.len(), KEPT);
         let oldest: Vec<&str> = m.iter().take(2).map(|m| m.text.as_str()).collect();
         assert_eq!(oldest, ["critical", "6"], "notices go first");
+    }
+
+    #[test]
+    fn the_button_counts_warnings_and_critical_messages_where_there_are_any() {
+        let mut m = Messages::default();
+        assert_eq!(m.counted(), "Messages 0");
+        m.say("a", Level::Normal, 0.0);
+        m.say("b", Level::Critical, 0.0);
+        assert_eq!(m.counted(), "Messages 2 ⊗1");
+        m.say("c", Level::Warning, 0.0);
+        m.say("d", Level::Warning, 0.0);
+        assert_eq!(m.counted(), "Messages 4 ▲2 ⊗1");
+        let warnings: Vec<&str> = m.of(Level::Warning).map(|m| m.text.as_str()).collect();
+        assert_eq!(warnings, ["d", "c"], "newest first");
     }
 
     #[test]

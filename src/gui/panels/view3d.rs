@@ -3,6 +3,8 @@
 //! Without a graphics adapter a side view stands in: x to the right, z up, both in mm; a click takes
 //! the point in the plane of the tip.
 
+mod bar;
+
 use std::sync::Arc;
 
 use egui::{Align2, Color32, Pos2, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2};
@@ -10,7 +12,6 @@ use egui::{Align2, Color32, Pos2, Role, Sense, Shape, Stroke, Ui, WidgetInfo, po
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::history::Channel;
-use crate::gui::scene::camera::View as Side;
 use crate::gui::scene::reachset::ReachSet;
 use crate::gui::scene::{
     Aids, Controls, Entity, Picking, PlanMarks, Scene, SceneInput, Theme, Tool,
@@ -18,7 +19,8 @@ use crate::gui::scene::{
 use crate::gui::theme::Palette;
 use crate::gui::view::View;
 use crate::sensing::shape_by_sensors;
-use crate::signal::{ReachState, Snapshot};
+use crate::signal::{ArmShape, ReachState, Snapshot};
+pub use bar::{LAYERS, ui as bar};
 
 /// Length of the trails, s.
 const TRAIL_S: f64 = 20.0;
@@ -39,6 +41,8 @@ pub struct Shown {
     pub ghost: bool,
     /// Shadows on two walls, while a target is being chosen.
     pub walls: bool,
+    /// The arm as springs and IMUs measure it, beside that of the model.
+    pub measured: bool,
     /// Which mouse buttons move the view.
     pub controls: Controls,
 }
@@ -50,6 +54,7 @@ impl Default for Shown {
             trails: true,
             ghost: true,
             walls: true,
+            measured: false,
             controls: Controls::default(),
         }
     }
@@ -132,6 +137,8 @@ pub fn scene_view(
         return side_view(ui, view, edited);
     };
     let shown = state.shown;
+    let sensors = view.snapshot.sensors.as_ref().filter(|_| shown.measured);
+    let measured = sensors.and_then(|s| shape_by_sensors(view.spec, s));
     let trails = |channel| match shown.trails {
         true => trail(view, channel),
         false => Vec::new(),
@@ -163,6 +170,8 @@ pub fn scene_view(
             .preview_shape
             .as_deref()
             .filter(|_| shown.ghost),
+        tried: tried(view).filter(|_| shown.ghost),
+        measured: measured.as_ref(),
         reachable: state.reachable.as_ref(),
         outlines: &state.outlines,
         aids: Aids {
@@ -212,80 +221,10 @@ fn shape_of(view: &View<'_>) -> Option<Snapshot> {
     })
 }
 
-/// The bar with the directions of view and what is switched on.
-pub fn toolbar(ui: &mut Ui, state: &mut View3d, view: &View<'_>) {
-    let p = Palette::in_ui(ui);
-    let frame = egui::Frame::new()
-        .fill(p.panel)
-        .inner_margin(egui::Margin::symmetric(10, 4));
-    let View3d { scene, shown, .. } = state;
-    let Some(scene) = scene else {
-        return;
-    };
-    frame.show(ui, |ui| {
-        ui.set_width(ui.available_width());
-        ui.horizontal_wrapped(|ui| {
-            ui.spacing_mut().item_spacing.x = 3.0;
-            ui.spacing_mut().button_padding.x = 4.0;
-            for (side, name, hover) in [
-                (Side::Front, "Front", "Look along y, x to the right (1)"),
-                (Side::Right, "Right", "Look along −x, y to the right (3)"),
-                (Side::Top, "Top", "Look down, x to the right (7)"),
-            ] {
-                if ui.button(name).on_hover_text(hover).clicked() {
-                    scene.camera.look(side);
-                }
-            }
-            let perspective = scene.camera.is_perspective();
-            let button =
-                egui::Button::selectable(perspective, "Perspective").frame_when_inactive(true);
-            let hover = "Far things are smaller; off: parallel lines stay parallel (5)";
-            if ui.add(button).on_hover_text(hover).clicked() {
-                scene.camera.toggle_projection();
-            }
-            let hover = "Fit the arm to the view (F)";
-            if ui.button("Frame").on_hover_text(hover).clicked() {
-                scene.frame(view.snapshot);
-            }
-            ui.separator();
-            for (on, name, hover) in [
-                (
-                    &mut shown.hull,
-                    "Hull",
-                    "Outlines of where the tip has been able to go, every 25 mm of height, while a \
-                     place is being chosen. Whether a target can be reached is for its verdict to say.",
-                ),
-                (&mut shown.trails, "Trails", "Where the tip was in the last 20 s"),
-                (
-                    &mut shown.ghost,
-                    "Ghost",
-                    "The arm at the end of the preview, by the rod model",
-                ),
-                (
-                    &mut shown.walls,
-                    "Shadows",
-                    "What arm and target look like from two more sides, while a place is being chosen",
-                ),
-            ] {
-                let button = egui::Button::selectable(*on, name).frame_when_inactive(true);
-                if ui.add(button).on_hover_text(hover).clicked() {
-                    *on = !*on;
-                }
-            }
-            ui.separator();
-            let cad = shown.controls == Controls::Cad;
-            let button = egui::Button::selectable(cad, "CAD").frame_when_inactive(true);
-            let hover = "On: left or middle drag turns the view, right drag shifts it. Off, as in Blender: left or \
-                         middle drag turns it, with Shift it is shifted. The wheel zooms to the pointer.";
-            let response = ui.add(button).on_hover_text(hover);
-            if response.accessible_name("CAD mouse").clicked() {
-                shown.controls = match shown.controls {
-                    Controls::Blender => Controls::Cad,
-                    Controls::Cad => Controls::Blender,
-                };
-            }
-        });
-    });
+/// The model that is tried, with the name of its patch.
+fn tried<'a>(view: &View<'a>) -> Option<(&'a ArmShape, &'a str)> {
+    let tried = view.snapshot.tried.as_ref()?;
+    Some((&tried.predicted.as_ref()?.shape, &*tried.name))
 }
 
 /// The last tip positions, oldest first, m.
@@ -342,6 +281,13 @@ fn side_view(ui: &mut Ui, view: &View<'_>, edited: &Edited<'_>) -> View3dOutput 
         let font = egui::TextStyle::Small.resolve(ui.style());
         painter.text(c + vec2(12.0, -8.0), Align2::LEFT_BOTTOM, text, font, color);
     };
+    if let Some((shape, name)) = tried(view) {
+        let places = shape.base_from_section.iter().flatten();
+        let line: Vec<Pos2> = places.map(|f| at(f.translation.vector.into())).collect();
+        painter.add(Shape::line(line, Stroke::new(2.0, p.tried())));
+        let tip = shape.base_from_pad[2].translation.vector;
+        mark(tip.into(), &format!("◌ tried: {name}"), p.tried());
+    }
     if let Some(goal) = &view.snapshot.goal {
         mark(goal.position_m, "goal", p.weak);
     }

@@ -117,6 +117,16 @@ pub fn nis_level(nis: f64) -> Level {
     }
 }
 
+/// What a normalised innovation squared means, in two or three words.
+pub fn nis_words(nis: f64) -> &'static str {
+    match nis_level(nis) {
+        _ if !nis.is_finite() => "not known",
+        Level::Normal => "as noise",
+        Level::Warning => "above noise",
+        Level::Critical => "beyond the gate",
+    }
+}
+
 /// Probability that a channel is faulty with its level, where it is worth showing.
 pub fn fault_probability(evidence: &Evidence) -> Option<(String, Level)> {
     let level = match evidence.probability {
@@ -237,8 +247,13 @@ pub struct Meter<'a> {
 
 /// A horizontal bar from `origin` to the value, with a tick.
 pub fn meter(ui: &mut Ui, width: f32, m: &Meter<'_>) -> Response {
+    meter_of(ui, [width, 14.0], m)
+}
+
+/// As [`meter`], of a width and a height.
+pub fn meter_of(ui: &mut Ui, [width, height]: [f32; 2], m: &Meter<'_>) -> Response {
     let p = Palette::in_ui(ui);
-    let (rect, response) = ui.allocate_exact_size(vec2(width.max(8.0), 14.0), Sense::hover());
+    let (rect, response) = ui.allocate_exact_size(vec2(width.max(8.0), height), Sense::hover());
     let ratio = |v: f64| ((v - m.range[0]) / (m.range[1] - m.range[0])).clamp(0.0, 1.0) as f32;
     let x = |v: f64| rect.left() + rect.width() * ratio(v);
     let track = rect.shrink2(vec2(0.0, 2.0));

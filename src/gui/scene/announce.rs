@@ -45,6 +45,10 @@ impl Scene {
         if let Some(goal) = &snapshot.goal {
             point("goal".into(), "goal", goal.position_m);
         }
+        if let Some((shape, name)) = input.tried {
+            let at_m = shape.base_from_pad[2].translation.vector.into();
+            point("tried".into(), &format!("tried: {name}, tip"), at_m);
+        }
         if let Some((draft, state)) = input.target() {
             let state = state.map_or("not checked", overlay::reach_name);
             point("draft".into(), &format!("draft target, {state},"), draft);

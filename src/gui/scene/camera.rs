@@ -27,6 +27,8 @@ pub enum View {
     Right,
     /// From above, x to the right, y up.
     Top,
+    /// From below, x to the right, y down.
+    Below,
 }
 
 /// Which mouse button turns the view and which one shifts it.
@@ -112,6 +114,7 @@ impl Camera {
             View::Front => (-FRAC_PI_2, 0.0),
             View::Right => (0.0, 0.0),
             View::Top => (-FRAC_PI_2, FRAC_PI_2),
+            View::Below => (-FRAC_PI_2, -FRAC_PI_2),
         };
     }
 

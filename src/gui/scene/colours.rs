@@ -52,6 +52,8 @@ pub struct Palette {
     pub imu: Rgb,
     /// Derived from the sensors: estimate, predicted trail.
     pub predicted: Rgb,
+    /// The model of a patch that is tried.
+    pub tried: Rgb,
     /// Motion capture.
     pub truth: Rgb,
     /// Goal.
@@ -85,6 +87,7 @@ impl Palette {
                 payload: hex(0x9c8f7d),
                 imu: hex(0x23272c),
                 predicted: hex(0x2aaadb),
+                tried: hex(0xdfa2c9),
                 truth: hex(0xfaa317),
                 goal: hex(0x2bd796),
                 error: hex(0xef6d31),
@@ -108,6 +111,7 @@ impl Palette {
                 payload: hex(0xa59682),
                 imu: hex(0x2a2f35),
                 predicted: hex(0x5273aa),
+                tried: hex(0xca5d95),
                 truth: hex(0xba5403),
                 goal: hex(0x085b3c),
                 error: hex(0x9f1e07),

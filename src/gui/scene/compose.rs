@@ -20,8 +20,8 @@ use crate::signal::{ArmShape, Gripper, IMUS, OrientationGoal, Pose, SPRINGS};
 
 /// Section frames per segment as the shader holds them.
 pub const FRAMES: usize = 33;
-/// Segments the shader holds: two of the arm, two of its ghost.
-pub const SEGMENTS: usize = 4;
+/// Segments the shader holds: two of the arm, two of each ghost (a preview; a model that is tried, or what is measured).
+pub const SEGMENTS: usize = 6;
 /// Most blobs that cast the soft shadow on the floor.
 pub const BLOBS: usize = 16;
 
@@ -119,7 +119,7 @@ impl Surface {
     }
 }
 
-/// Opacity of the preview's ghost.
+/// Opacity of a ghost.
 const GHOST_ALPHA: f32 = 0.34;
 
 struct Composer<'a> {
@@ -128,6 +128,8 @@ struct Composer<'a> {
     hovered: Option<Entity>,
     drawing: Drawing,
     layer: Layer,
+    /// Colour of the ghost that is drawn.
+    tint: Rgb,
 }
 
 /// Height of the floor: below the gripper of the fully stretched arm, m.
@@ -151,9 +153,11 @@ pub fn compose(
     size_pt: Vec2,
     output: &SceneOutput,
 ) -> Drawing {
+    let palette = Palette::of(input.theme);
     let mut c = Composer {
         robot,
-        palette: Palette::of(input.theme),
+        palette,
+        tint: palette.predicted,
         hovered: output.hovered,
         drawing: Drawing::default(),
         layer: Layer::Solid,
@@ -180,12 +184,18 @@ pub fn compose(
         c.gripper(&shape.base_from_pad[2], gripper, snapshot.payload_kg);
         c.blobs(shape);
     }
+    if let Some((tried, _)) = input.tried.filter(|(s, _)| is_drawable(s)) {
+        c.tint = c.palette.tried;
+        c.ghost(tried, 4, gripper);
+        c.tint = c.palette.predicted;
+        c.outline(tried);
+    } else if let Some(measured) = input.measured.filter(|s| is_drawable(s)) {
+        c.tint = c.palette.truth;
+        c.ghost(measured, 4, gripper);
+        c.tint = c.palette.predicted;
+    }
     if let Some(ghost) = input.ghost.filter(|s| is_drawable(s)) {
-        c.layer = Layer::Ghost;
-        c.bellows(ghost, 2);
-        c.pads(ghost);
-        c.gripper(&ghost.base_from_pad[2], gripper, 0.0);
-        c.layer = Layer::Solid;
+        c.ghost(ghost, 2, gripper);
     } else if let Some((goal, reach)) = &snapshot.preview {
         c.ghost_tip(&goal.orientation, reach.nearest_m, input, gripper);
     }
@@ -271,8 +281,7 @@ impl Composer<'_> {
         let hovered = entity.is_some() && entity == self.hovered && !ghost;
         let lift = if hovered { 0.16 } else { 0.0 };
         let colour = if ghost {
-            let p = self.palette.predicted;
-            std::array::from_fn(|i| 0.35 * surface.colour[i] + 0.65 * p[i])
+            std::array::from_fn(|i| 0.35 * surface.colour[i] + 0.65 * self.tint[i])
         } else {
             surface.colour.map(|x| x + (1.0 - x) * lift)
         };
@@ -466,6 +475,45 @@ impl Composer<'_> {
             let ball = scaled(pad * Affine3A::from_translation(centre), Vec3::splat(0.026));
             let payload = Surface::matt(self.palette.payload);
             self.rigid(Part::Sphere, ball, payload, Some(Entity::Payload));
+        }
+    }
+
+    /// A whole arm, see-through; `slot` as for [`Self::bellows`].
+    fn ghost(&mut self, shape: &ArmShape, slot: usize, gripper: Gripper) {
+        self.layer = Layer::Ghost;
+        self.bellows(shape, slot);
+        self.pads(shape);
+        self.gripper(&shape.base_from_pad[2], gripper, 0.0);
+        self.layer = Layer::Solid;
+    }
+
+    /// Centre line and rims of the moving pads of a model that is tried: they are seen where its ghost lies within the arm.
+    fn outline(&mut self, shape: &ArmShape) {
+        const RIM: usize = 48;
+        const THROUGH: f32 = 0.85;
+        let colour = with_alpha(self.palette.tried, 1.0);
+        for sections in &shape.base_from_section {
+            for pair in resample(sections).windows(2) {
+                self.mark(pair[0].0, pair[1].0, 2.2, colour, THROUGH);
+            }
+        }
+        for (pad, bellows_m) in shape.base_from_pad[1..]
+            .iter()
+            .zip(self.robot.bellows_m.chunks(3))
+        {
+            let pad = convert::affine(pad);
+            let centres: Vec<Vec3> = bellows_m.iter().map(convert::vec3_from_vector).collect();
+            // The corner that lies furthest out in a direction, round by the pad's margin.
+            let at = |k: usize| {
+                let out = Vec2::from_angle(TAU * k as f32 / RIM as f32).extend(0.0);
+                let furthest = |a: &&Vec3, b: &&Vec3| a.dot(out).total_cmp(&b.dot(out));
+                let corner = centres.iter().max_by(furthest).copied().unwrap_or_default();
+                pad.transform_point3(corner + out * mesh::pad_corner_m(self.robot))
+            };
+            let rim: Vec<Vec3> = (0..=RIM).map(at).collect();
+            for pair in rim.windows(2) {
+                self.mark(pair[0], pair[1], 1.8, colour, 0.5);
+            }
         }
     }
 

@@ -38,6 +38,8 @@ pub struct PlanMarks<'a> {
     pub selected: Option<usize>,
     /// The one travelled to.
     pub next: Option<usize>,
+    /// Where the tip was on the way, oldest first, m.
+    pub driven: &'a [[f32; 3]],
 }
 
 /// What helps to judge depth and reach, and can be switched off.
@@ -70,6 +72,10 @@ pub struct SceneInput<'a> {
     pub reach: Option<ReachState>,
     /// Whole shape to show as a ghost, for instance of the previewed pose.
     pub ghost: Option<&'a ArmShape>,
+    /// Shape of a model that is tried beside the drawn one, with the name of its patch: a second ghost.
+    pub tried: Option<(&'a ArmShape, &'a str)>,
+    /// The arm as its sensors measure it, shown as a ghost while no model is tried.
+    pub measured: Option<&'a ArmShape>,
     /// The reachable set, which helps to choose how deep a click goes.
     pub reachable: Option<&'a ReachSet>,
     /// The set's outlines, as short lines, m.
@@ -101,6 +107,8 @@ impl<'a> SceneInput<'a> {
             draft_target: None,
             reach: None,
             ghost: None,
+            tried: None,
+            measured: None,
             reachable: None,
             outlines: &[],
             aids: Aids::default(),

@@ -10,7 +10,7 @@ use super::convert;
 use super::input::{PlanMarks, SceneInput};
 use crate::gui::panels::widgets::number;
 use crate::robot::RobotSpec;
-use crate::signal::{Matrix6, ReachState};
+use crate::signal::{ArmShape, Matrix6, ReachState};
 
 /// Length of a handle's arrow in points.
 const HANDLE_PT: f32 = 62.0;
@@ -388,6 +388,39 @@ pub fn paint_waypoints(
             theme,
         );
     }
+}
+
+/// What is drawn of a model that is tried: name of its patch, and how far its tip is from the drawn one.
+pub fn tried_text(shape: &ArmShape, name: &str, drawn: Option<&ArmShape>) -> String {
+    let tip = |s: &ArmShape| s.base_from_pad[2].translation.vector;
+    let apart = drawn.map_or(String::new(), |drawn| {
+        let mm = (tip(shape) - tip(drawn)).norm() * 1e3;
+        format!("\ntip {} mm from the twin's model", number(mm, 1))
+    });
+    format!("◌ tried: {name}{apart}")
+}
+
+/// Label of the model that is tried, beside its middle pad.
+pub fn paint_tried(
+    painter: &egui::Painter,
+    stage: &Stage<'_>,
+    palette: &Palette,
+    input: &SceneInput<'_>,
+) {
+    const BESIDE_PT: f32 = 96.0;
+    let Some((shape, name)) = input.tried else {
+        return;
+    };
+    let Some(at) = stage.place(convert::parts(&shape.base_from_pad[1]).0) else {
+        return;
+    };
+    let text = tried_text(shape, name, input.snapshot.shown_shape());
+    let from = at - vec2(BESIDE_PT, 0.0);
+    let ink = colour(palette.ink);
+    let tag = paint_tag(painter, from, Align2::RIGHT_CENTER, &text, ink, input.theme);
+    let stroke = Stroke::new(1.5, colour(palette.tried));
+    painter.line_segment([tag.right_center(), at], stroke);
+    painter.rect_stroke(tag, 4.0, stroke, StrokeKind::Outside);
 }
 
 /// Labels of the draft target and of the error between prediction and measurement.

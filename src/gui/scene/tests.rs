@@ -506,6 +506,7 @@ fn assistive_technology_hears_the_view_its_sensors_and_its_targets() {
                 closed: false,
                 selected: None,
                 next: None,
+                driven: &[],
             }),
             draft_target: Some([0.1, 0.0, -0.25]),
             reach: Some(ReachState::Marginal),

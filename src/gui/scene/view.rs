@@ -85,6 +85,7 @@ impl Scene {
             (Key::Num1, View::Front),
             (Key::Num3, View::Right),
             (Key::Num7, View::Top),
+            (Key::Num9, View::Below),
         ] {
             if pressed(key) {
                 self.camera.look(view);
@@ -190,6 +191,7 @@ impl Scene {
         if let Some(plan) = &input.plan {
             overlay::paint_waypoints(&painter, &stage, &palette, plan, input.theme);
         }
+        overlay::paint_tried(&painter, &stage, &palette, input);
         overlay::paint_labels(&painter, &stage, &palette, input);
         overlay::paint_triad(&painter, &stage, &palette);
         overlay::paint_scale(&painter, &stage, &palette, &self.robot, input.theme);

@@ -2,13 +2,14 @@
 
 use egui::{Ui, Vec2, vec2};
 
+use super::settings;
 use crate::gui::panels::accuracy::{self, AccuracyState, Below, Kind, Plots, Scope};
 use crate::gui::screen::{Ctx, Known, List, Screen, check};
 
 impl Screen for AccuracyState {
     const NAME: &'static str = "Accuracy";
     const PURPOSE: &'static str = "The predicted pose against motion capture.";
-    const LEAST_POINTS: Vec2 = vec2(900.0, 520.0);
+    const LEAST_POINTS: Vec2 = vec2(880.0, 520.0);
 
     fn ui(&mut self, ui: &mut Ui, ctx: &mut Ctx<'_>) {
         accuracy::ui(ui, &ctx.shown, self, ctx.window, ctx.services);
@@ -23,7 +24,7 @@ impl Screen for AccuracyState {
     }
 
     fn actions(&self, known: &Known<'_>, list: &mut List<Self>) {
-        let words = "accuracy workspace load speed";
+        let words = "accuracy workspace load speed overlay all vicon";
         for (name, plots) in [
             ("Plot the errors", Plots::Errors),
             ("Plot prediction and Vicon overlaid", Plots::Overlay),
@@ -49,8 +50,8 @@ impl Screen for AccuracyState {
             "Nothing is scored yet: there are no errors.",
         );
         for (name, keys, forward) in [
-            ("Go to the next peak of the error", "J", true),
-            ("Go to the previous peak of the error", "K", false),
+            ("Go to the next peak of the error", "]", true),
+            ("Go to the previous peak of the error", "[", false),
         ] {
             let words = "accuracy worst";
             list.act(name, words, scored.clone(), move |a, _| {
@@ -68,5 +69,6 @@ impl Screen for AccuracyState {
                 a.export.wanted = Some(kind);
             });
         }
+        settings::accuracy(list);
     }
 }

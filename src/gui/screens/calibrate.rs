@@ -2,6 +2,7 @@
 
 use egui::{Ui, Vec2, vec2};
 
+use super::settings;
 use crate::calibrate::Step;
 use crate::gui::panels::calibrate::{self, CalibrateState};
 use crate::gui::screen::{Ctx, Known, List, Screen};
@@ -49,5 +50,15 @@ impl Screen for CalibrateState {
                 ctx.commands.extend(c.go_to(step, mode, ctx.services));
             });
         }
+        let at_springs = self.wizard().is_some_and(|w| w.step == Step::Springs);
+        let gate = match at_springs {
+            true => Ok(()),
+            false => Err("The curves are on the step Springs of Calibrate.".to_owned()),
+        };
+        let name = "Calibrate: show the curve of the next spring";
+        list.act(name, "residuals points fit springs", gate, |c, _| {
+            c.next_curve();
+        });
+        settings::calibrate(self, list);
     }
 }

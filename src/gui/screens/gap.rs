@@ -2,16 +2,17 @@
 
 use egui::{Ui, Vec2, vec2};
 
+use super::settings;
 use crate::gui::panels::gap::{self, GapState, Step};
 use crate::gui::panels::operating::ends_recording;
-use crate::gui::screen::{Ctx, Known, List, Screen};
+use crate::gui::screen::{Ctx, Known, List, Screen, Task};
 use crate::signal::Snapshot;
-use crate::twin::Event;
+use crate::twin::{Command, Event};
 
 impl Screen for GapState {
     const NAME: &'static str = "Gap";
     const PURPOSE: &'static str = "Find what the model is missing, add it and prove it.";
-    const LEAST_POINTS: Vec2 = vec2(900.0, 540.0);
+    const LEAST_POINTS: Vec2 = vec2(880.0, 540.0);
     const REPLAYS: bool = false;
 
     fn ui(&mut self, ui: &mut Ui, ctx: &mut Ctx<'_>) {
@@ -49,7 +50,7 @@ impl Screen for GapState {
         list.act("Find what the model is missing", words, gate, |gap, ctx| {
             gap.find(ctx.services);
         });
-        let words = "experiment drive excitation separate button";
+        let words = "experiment drive excitation separate button run";
         let gate = self.experiment_gate(&known.live);
         let name = "Let the finder drive the arm";
         list.act(name, words, gate, |gap, ctx| {
@@ -57,7 +58,7 @@ impl Screen for GapState {
         });
         let words = "check now live monitor disagree rolling minutes";
         let gate = self.check_gate(&known.live);
-        let name = "Check the last minutes of the live arm";
+        let name = "Check the last 90 s of the live arm";
         list.act(name, words, gate, |gap, ctx| {
             gap.check_last(&ctx.live, ctx.services);
         });
@@ -66,6 +67,39 @@ impl Screen for GapState {
         list.act("Accept the patch", words, gate, |gap, ctx| {
             gap.accept(ctx.services);
         });
+        let words = "patch try running twin beside compare gap";
+        let gate = self.try_gate(&known.live);
+        list.act(
+            "Try the patch on the running twin",
+            words,
+            gate,
+            |gap, ctx| {
+                gap.step = Step::Patch;
+                gap.try_patch(&ctx.live, ctx.commands);
+            },
+        );
+        for (name, words, gate, command) in [
+            (
+                "Drop the tried patch",
+                "patch end trial gap model",
+                gap::drop_gate(&known.live),
+                Command::DropPatch,
+            ),
+            (
+                "Keep the tried patch",
+                "patch adopt trial gap model",
+                gap::keep_gate(&known.live),
+                Command::KeepPatch,
+            ),
+            (
+                "Revert the kept patch",
+                "patch undo trial gap model",
+                gap::revert_gate(&known.live),
+                Command::RevertPatch,
+            ),
+        ] {
+            list.add(name, words, gate, Task::Twin(command));
+        }
         for step in Step::ALL {
             let words = match step {
                 Step::Prove => "effect finding report export save",
@@ -75,5 +109,6 @@ impl Screen for GapState {
             let gate = self.gate(step);
             list.act(name, words, gate, move |gap, _| gap.step = step);
         }
+        settings::gap(self, list);
     }
 }

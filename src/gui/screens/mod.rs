@@ -4,10 +4,10 @@ mod accuracy;
 mod calibrate;
 mod gap;
 mod operate;
+mod plots;
 mod recordings;
 mod sensors;
-
-pub use operate::home_m;
+mod settings;
 
 use egui::{Key, Ui, Vec2};
 use serde::{Deserialize, Serialize};

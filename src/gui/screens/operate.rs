@@ -2,19 +2,16 @@
 
 use egui::{Ui, Vec2, vec2};
 
+use super::settings;
 use crate::gui::panels::operate::{self, OperateState, PANES, Pane};
 use crate::gui::panels::plans::{PlanKind, start_gate};
-use crate::gui::panels::target::{arm_simulated, go_gate};
+use crate::gui::panels::target::{arm_simulated, go_gate, home_m};
 use crate::gui::scene::camera::View as Side;
 use crate::gui::screen::{Ctx, Known, List, Screen, Task, check};
 use crate::robot::RobotSpec;
+use crate::signal::RollingStatus;
 use crate::signal::Snapshot;
 use crate::twin::{Command, Event};
-
-/// Position of the tip without pressure and load, straight below the base, m.
-pub fn home_m(spec: &RobotSpec) -> [f64; 3] {
-    [0.0, 0.0, -(2.0 * spec.rest_length_m + spec.pad_thickness_m)]
-}
 
 impl Screen for OperateState {
     const NAME: &'static str = "Operate";
@@ -25,7 +22,20 @@ impl Screen for OperateState {
     fn ui(&mut self, ui: &mut Ui, ctx: &mut Ctx<'_>) {
         self.view3d.selected_spring = *ctx.selected_spring;
         operate::ui(ui, &ctx.shown, self, ctx.window, ctx.commands);
+        self.strips.export.ui(ui, ctx.services);
         *ctx.selected_spring = self.view3d.selected_spring;
+    }
+
+    fn observe(&mut self, snapshot: &Snapshot, _robot: &RobotSpec) {
+        self.plans.watch(snapshot);
+    }
+
+    fn poll(&mut self, ctx: &mut Ctx<'_>) {
+        let live = ctx.live.snapshot;
+        let records = live.recording.is_some() || matches!(live.rolling, RollingStatus::Records(_));
+        if let Some(remark) = self.plans.remark.take().filter(|_| records) {
+            ctx.commands.push(Command::Mark(remark));
+        }
     }
 
     fn follow(&mut self, live: &Snapshot, events: &[Event]) {
@@ -35,6 +45,7 @@ impl Screen for OperateState {
             self.draft.course.observe(event);
         }
         self.draft.course.follow(live);
+        self.draft.has_moved |= live.goal.is_some() || live.routine.is_some();
     }
 
     fn reconnect(&mut self) {
@@ -129,6 +140,7 @@ impl Screen for OperateState {
             ("Look at the arm from the front", "1", Side::Front),
             ("Look at the arm from the right", "3", Side::Right),
             ("Look at the arm from the top", "7", Side::Top),
+            ("Look at the arm from below", "9", Side::Below),
         ] {
             list.act(name, words, scene.clone(), move |o, _| {
                 if let Some(scene) = &mut o.view3d.scene {
@@ -150,5 +162,7 @@ impl Screen for OperateState {
             }
         });
         list.by("F");
+        super::plots::operate(list);
+        settings::operate(self, known, list);
     }
 }

@@ -2,9 +2,12 @@
 
 use egui::{Ui, Vec2, vec2};
 
+use super::settings;
+use crate::gui::panels::gap::Part;
 use crate::gui::panels::operating::{ends_recording, recording_gate};
+use crate::gui::panels::rec;
 use crate::gui::panels::recordings::{
-    self, Library, RecordingsInput, keep, keep_gate, mark_gate, mark_now,
+    self, Act, By, Library, RecordingsInput, Side, act_gate, keep, keep_gate, mark_gate, mark_now,
 };
 use crate::gui::screen::{Ctx, Known, List, Screen, Task, check};
 use crate::gui::theme::Level;
@@ -19,7 +22,6 @@ impl Screen for Library {
     fn ui(&mut self, ui: &mut Ui, ctx: &mut Ctx<'_>) {
         let input = RecordingsInput {
             live: ctx.live,
-            recording_s: ctx.recording_s,
             twin_gone: ctx.twin_gone,
         };
         recordings::ui(ui, &input, self, ctx.player, ctx.services, ctx.commands);
@@ -41,8 +43,11 @@ impl Screen for Library {
     }
 
     fn follow(&mut self, live: &Snapshot, events: &[Event]) {
+        self.rec
+            .follow(self.under_way.as_ref(), live.recording.as_ref());
         self.under_way.clone_from(&live.recording);
-        self.has_new |= live.recording.is_none() && events.iter().any(ends_recording);
+        // Also one that has just begun: it is listed as the one that is being recorded.
+        self.has_new |= events.iter().any(ends_recording);
     }
 
     fn actions(&self, known: &Known<'_>, list: &mut List<Self>) {
@@ -61,6 +66,10 @@ impl Screen for Library {
             _ => "Record",
         };
         list.add(name, words, gate, task);
+        let opens = |library: &mut Self, _: &mut Ctx<'_>| library.rec.wanted = true;
+        let words = "record rec save comment disk space left folder";
+        let task = Task::Behind(Box::new(opens));
+        list.add(rec::MENU, words, Ok(()), task);
         let gate = mark_gate(live, known.twin_gone);
         let mark = |library: &mut Self, ctx: &mut Ctx<'_>| {
             mark_now(library, ctx.live.snapshot, ctx.commands);
@@ -75,7 +84,7 @@ impl Screen for Library {
         let task = Task::Behind(Box::new(keeps));
         let words = "rolling recording save before black box";
         list.add("Keep the last 5 minutes", words, gate, task);
-        list.by("L");
+        list.by("B");
         match live.snapshot.streaming {
             Some(_) => {
                 let task = Task::Twin(Command::StopStream);
@@ -111,12 +120,66 @@ impl Screen for Library {
         list.act("Refresh the library", words, Ok(()), |library, ctx| {
             library.rescan(ctx.services);
         });
+        for (by, name) in [
+            (By::Date, "Sort the library by date"),
+            (By::Name, "Sort the library by name"),
+        ] {
+            let words = "order newest oldest recordings";
+            list.act(name, words, Ok(()), move |library, _| {
+                library.sort_by(library.sort.pressed(by));
+            });
+        }
+        self.row_actions(list);
         for entry in &self.entries {
             let name = format!("Play {}", entry.name);
             let path = entry.path.clone();
             let words = "recording load replay open";
             list.act(name, words, Ok(()), |library, ctx| {
                 library.play(path, ctx.services);
+            });
+        }
+        settings::recordings(self, known, list);
+    }
+}
+
+impl Library {
+    /// What can be done with the selected recording, besides playing it.
+    fn row_actions(&self, list: &mut List<Self>) {
+        for (act, name, words) in [
+            (
+                Act::Load(Side::B),
+                "Compare the selected recording as B",
+                "load difference beside",
+            ),
+            (
+                Act::Gap(Part::Healthy),
+                "Use the selected recording as healthy session",
+                "gap baseline commissioning",
+            ),
+            (
+                Act::Gap(Part::Suspect),
+                "Use the selected recording as suspect session",
+                "gap find effect",
+            ),
+            (
+                Act::Rename,
+                "Rename the selected recording…",
+                "name file library",
+            ),
+            (
+                Act::Rerun,
+                "Open the selected recording in Rerun",
+                "viewer show",
+            ),
+        ] {
+            let entry = self.selected_entry();
+            let gate = match entry {
+                Some(entry) => act_gate(self, entry, None, act),
+                None => Err("No recording is selected in the library.".to_owned()),
+            };
+            let path = entry.map(|e| e.path.clone()).unwrap_or_default();
+            list.act(name, words, gate, move |library, ctx| {
+                library.act(act, &path, ctx.services);
             });
         }
     }

@@ -2,7 +2,8 @@
 
 use egui::{Ui, Vec2, vec2};
 
-use crate::gui::panels::sensors::{self, Reading, SensorsState, toggle_cursors};
+use super::{plots, settings};
+use crate::gui::panels::sensors::{self, Reading, SensorsState};
 use crate::gui::screen::{Ctx, Known, List, Screen};
 
 impl Screen for SensorsState {
@@ -13,14 +14,20 @@ impl Screen for SensorsState {
     fn ui(&mut self, ui: &mut Ui, ctx: &mut Ctx<'_>) {
         self.selected_spring = *ctx.selected_spring;
         sensors::ui(ui, &ctx.shown, self, ctx.window);
+        self.export.ui(ui, ctx.services);
         *ctx.selected_spring = self.selected_spring;
+    }
+
+    fn busy(&self) -> bool {
+        self.export.is_busy()
     }
 
     fn actions(&self, _known: &Known<'_>, list: &mut List<Self>) {
         let words = "a b difference measure plots sensors";
         list.act("Show or hide cursors A and B", words, Ok(()), |_, ctx| {
-            toggle_cursors(&ctx.shown, ctx.window);
+            ctx.window.toggle_cursors(&ctx.shown);
         });
+        plots::sensors(list);
         for (name, reading) in [
             ("Show calibrated readings", Reading::Calibrated),
             ("Show raw readings", Reading::Raw),
@@ -29,5 +36,6 @@ impl Screen for SensorsState {
             let words = "sensors springs imu lengths angles frequency";
             list.act(name, words, Ok(()), move |s, _| s.reading = reading);
         }
+        settings::sensors(self, list);
     }
 }

@@ -45,11 +45,11 @@ fn peak_s(h: &Harness<'_, App>) -> f64 {
 }
 
 #[test]
-fn j_and_k_go_from_peak_to_peak_and_the_window_follows() {
+fn brackets_go_from_peak_to_peak_and_the_window_follows() {
     let mut h = harness(app(&session(), Theme::Dark));
     h.run();
     for _ in 0..40 {
-        h.key_press(Key::J);
+        h.key_press(Key::CloseBracket);
         h.run();
         if (peak_s(&h) - 130.0).abs() < 0.1 {
             break;
@@ -60,9 +60,9 @@ fn j_and_k_go_from_peak_to_peak_and_the_window_follows() {
     let [from, to] = h.state().window.range_s(140.0);
     assert!(from < 130.0 && 130.0 < to);
     h.get_by_label_contains(" mm at 2:10 (130.");
-    // The largest of all is at 130 s: those before it come with K, down to 110 s.
+    // The largest of all is at 130 s: those before it come with [, down to 110 s.
     for _ in 0..40 {
-        h.key_press(Key::K);
+        h.key_press(Key::OpenBracket);
         h.run();
         if (peak_s(&h) - 110.0).abs() < 0.1 {
             break;
@@ -345,12 +345,12 @@ fn a_file_that_takes_long_to_write_holds_no_frame_up_and_one_that_is_there_is_ke
 }
 
 #[test]
-fn a_press_of_j_on_a_long_session_goes_through_a_slice_per_frame() {
+fn a_press_of_the_key_on_a_long_session_goes_through_a_slice_per_frame() {
     // As many rows as four frames go through; a press and a release are a frame each.
     let mut h = harness(app(&fixture::session(400), Theme::Dark));
     h.run_steps(6);
     assert!(h.state().screens.accuracy.peak.is_none());
-    h.key_press(Key::J);
+    h.key_press(Key::CloseBracket);
     h.step();
     assert!(h.state().screens.accuracy.peak.is_none(), "not all at once");
     h.run_steps(6);

@@ -2,6 +2,7 @@
 //! of every verdict.
 
 mod experiment;
+mod tried;
 mod verdicts;
 
 use std::cell::RefCell;
@@ -24,6 +25,7 @@ use crate::gui::services::{Dialog, Existing, Picked, Worker};
 use crate::lab::{SessionPlan, session};
 use crate::rig::hidden::Hidden;
 use crate::robot::{REFERENCE, with_patch, without_last_patch};
+pub(super) use tried::tried_for_seconds;
 pub(super) use verdicts::{as_law, with_verdict};
 
 const HEALTHY: &str = "made/commissioning";
@@ -351,12 +353,14 @@ fn from_two_sessions_to_a_proven_patch_and_back() {
     click(&mut h, "with the effect");
     // Explain.
     click(&mut h, "Next ›");
-    h.get_by_label("▲ Named");
+    h.get_by_label("▲ Effect found");
     h.get_by_label_contains("Undeclared payload is missing from the model.");
     h.get_by_label_contains("Undeclared payload: gain");
+    h.get_by_label("Fit against data");
+    h.get_by_label_contains("explained by the effects found");
     assert!(!seen.borrow().revealed);
     click(&mut h, "Reveal what was hidden");
-    h.get_by_label("● The finder named it.");
+    h.get_by_label("● The finder found it.");
     // Patch: accept writes it behind the robot file.
     click(&mut h, "Next ›");
     h.get_by_label("None: the robot file is as it came.");

@@ -163,4 +163,11 @@ fn what_is_cut_covered_or_out_of_reach_is_noticed() {
         );
     });
     assert_eq!(painted.len(), 1, "{painted:?}");
+    let frame = found(|ui| {
+        let at = egui::Rect::from_min_size(egui::pos2(10.0, 10.0), egui::vec2(400.0, 50.0));
+        let stroke = egui::Stroke::new(1.0, egui::Color32::WHITE);
+        let inside = egui::StrokeKind::Inside;
+        ui.painter().rect_stroke(at, 2.0, stroke, inside);
+    });
+    assert_eq!(frame.len(), 1, "{frame:?}");
 }

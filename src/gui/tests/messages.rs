@@ -48,7 +48,7 @@ fn repeats_are_one_line_and_safe_stays_on_top_until_it_is_reset() {
         "⊗ SAFE: {REASON}. Remove the cause, then press Reset."
     ));
     assert!(h.query_by_label("Stop 39 was reached.").is_none());
-    h.get_by_label("Messages 42").click();
+    h.get_by_label("Messages 42 ⊗1").click();
     h.run_steps(3);
     h.get_by_label_contains("⊗ SAFE for 0:");
     h.get_by_label("×40");
@@ -84,4 +84,53 @@ fn warnings_of_the_log_are_messages_of_the_window() {
         .expect("a free place");
     h.run_steps(3);
     h.get_by_label_contains(text);
+}
+
+#[test]
+fn the_list_has_critical_messages_first_then_warnings_then_notices() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    let refused = |reason: &str| Event::Refused {
+        stamp: Stamp::ZERO,
+        reason: reason.into(),
+    };
+    notice(&twin, "The first notice.".into());
+    twin.events
+        .try_send(refused("The first refusal."))
+        .expect("room");
+    let mode = Mode::Safe(REASON.into());
+    let stamp = Stamp::ZERO;
+    twin.events
+        .try_send(Event::Mode { stamp, mode })
+        .expect("room");
+    h.run_steps(2);
+    twin.events
+        .try_send(refused("The second refusal."))
+        .expect("room");
+    notice(&twin, "The second notice.".into());
+    h.run_steps(2);
+    h.get_by_label("Messages 5 ▲2 ⊗1").click();
+    h.run_steps(3);
+    // The list is on the right; on the left lie the warnings of the last seconds.
+    let top = |label: &str| {
+        let mut listed = h
+            .get_all_by_label(label)
+            .filter(|n| n.rect().left() > 640.0);
+        listed.next().expect("is listed").rect().top()
+    };
+    let order = [
+        "Critical".to_owned(),
+        format!("⊗ Mode: SAFE ({REASON})"),
+        "Warnings".to_owned(),
+        "▲ The second refusal.".to_owned(),
+        "▲ The first refusal.".to_owned(),
+        "Notices".to_owned(),
+    ];
+    let tops: Vec<f32> = order.iter().map(|label| top(label)).collect();
+    assert!(tops.is_sorted(), "{order:?} {tops:?}");
+    let listed = |label: &str| h.query_all_by_label(label).count() > 0;
+    assert!(listed("The first notice.") && listed("The second notice."));
+    // A level that is hidden has no heading either.
+    h.get_by_label("▲ Warnings 2").click();
+    h.run_steps(2);
+    assert!(h.query_by_label("Warnings").is_none());
 }

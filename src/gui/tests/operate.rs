@@ -174,6 +174,150 @@ fn hardware_holds_to_start_a_plan_and_is_never_armed_by_it() {
     );
 }
 
+/// An arm at rest that nothing was asked of.
+fn at_rest() -> Snapshot {
+    let mut s = fixture::snapshot(1.0);
+    (s.mode, s.goal, s.preview, s.routine) = (Mode::Disarmed, None, None, None);
+    s
+}
+
+#[test]
+fn a_newcomer_is_offered_one_move_that_is_made_by_one_press_and_then_no_more() {
+    let (twin, mut h) = running(at_rest());
+    press(&mut h, "▶ Send it here");
+    let commands = twin.taken();
+    let [Command::Arm, Command::Goto(goal)] = commands.as_slice() else {
+        panic!("{commands:?}");
+    };
+    let wanted = crate::gui::panels::target::first_m(&RobotSpec::reference());
+    for (asked, wanted) in goal.position_m.into_iter().zip(wanted) {
+        assert!((asked - wanted).abs() < 1e-4, "{asked} for {wanted}");
+    }
+    assert!(h.query_by_label("▶ Send it here").is_none());
+    let mut s = at_rest();
+    s.stamp = Stamp::from_seconds(1.1);
+    (s.mode, s.goal) = (Mode::Moving, Some(goal.clone()));
+    twin.publish(s);
+    h.run_steps(2);
+    h.get_by_label_contains("▶ Moving:");
+    // Nor after it is cleared and the arm rests again.
+    h.state_mut().screens.operate.draft.text = Default::default();
+    let mut s = at_rest();
+    s.stamp = Stamp::from_seconds(1.2);
+    twin.publish(s);
+    h.run_steps(2);
+    assert!(h.query_by_label("▶ Send it here").is_none());
+}
+
+#[test]
+fn hardware_is_never_sent_anywhere_by_one_press() {
+    let mut s = at_rest();
+    s.link.simulated = false;
+    s.link.board_simulated = [Some(false); crate::signal::BOARDS];
+    for mode in [Mode::Disarmed, Mode::Hold] {
+        s.mode = mode;
+        let (_twin, h) = running(s.clone());
+        assert!(h.query_by_label("▶ Send it here").is_none());
+    }
+}
+
+#[test]
+fn the_readiness_list_is_one_click_away() {
+    let mut s = at_rest();
+    s.truth = None;
+    let (_twin, mut h) = running(s);
+    press(&mut h, "Readiness: Ready without 3 of 7");
+    h.run_steps(2);
+    for name in [
+        "Link",
+        "Sensors",
+        "Calibration",
+        "Motion capture",
+        "Agreement",
+        "Storage",
+    ] {
+        assert!(h.query_all_by_label(name).count() > 0, "{name}");
+    }
+    h.get_by_label_contains("predictions are not scored");
+}
+
+#[test]
+fn panels_follow_the_width_of_the_window_until_they_are_arranged() {
+    use crate::gui::panels::operate::Form;
+    let (_twin, mut h) = running(fixture::snapshot(1.0));
+    let form = |h: &Harness<'_, App>| h.state().screens.operate.form;
+    assert_eq!(form(&h), Some(Form::Two));
+    assert!(
+        h.query_by_label_contains("Error").is_none(),
+        "the pose is behind its tab"
+    );
+    h.set_size(egui::vec2(2560.0, 1440.0));
+    h.run_steps(4);
+    assert_eq!(form(&h), Some(Form::Three));
+    h.get_by_label_contains("Training distance");
+    // A boundary that is dragged is the operator's layout.
+    let view = h.get_by_label("Arm, side view").rect();
+    let from = egui::pos2(view.right() + 2.0, view.center().y);
+    h.hover_at(from);
+    h.run_steps(2);
+    h.drag_at(from);
+    h.run_steps(2);
+    h.hover_at(from - egui::vec2(120.0, 0.0));
+    h.run_steps(2);
+    h.drop_at(from - egui::vec2(120.0, 0.0));
+    h.run_steps(2);
+    assert_eq!(form(&h), None);
+    h.set_size(egui::vec2(1280.0, 720.0));
+    h.run_steps(4);
+    assert_eq!(form(&h), None);
+    press(&mut h, "Reset layout");
+    h.run_steps(2);
+    assert_eq!(form(&h), Some(Form::Two));
+}
+
+#[test]
+fn the_driven_way_is_measured_against_the_path_and_marked_in_the_recording() {
+    let (twin, mut h) = with_plan(fixture::snapshot(1.0));
+    press(&mut h, "▶ Start");
+    let commands = twin.taken();
+    let plan = started(&commands).clone();
+    let Some(Leg::Follow(follow)) = plan.legs.last() else {
+        panic!("a path");
+    };
+    let at = |t_s: f64, off_m: f64| {
+        let mut s = fixture::snapshot(t_s);
+        let mut routine = fixture::routine(&plan.name);
+        (routine.legs, routine.legs_done) = (plan.legs.len(), plan.legs.len() - 1);
+        routine.waypoint = Some((3, 60));
+        (s.routine, s.mode, s.truth) = (Some(routine), Mode::Moving, None);
+        s.recording = Some("circle".into());
+        let mut tip = nalgebra::Vector3::from(follow.path.waypoints_m[3]);
+        tip.z += off_m;
+        if let Some(e) = &mut s.estimate {
+            e.base_from_tip.translation.vector = tip;
+        }
+        s
+    };
+    for (k, off_m) in [3e-4, 4e-4].into_iter().enumerate() {
+        twin.publish(at(1.1 + 0.1 * k as f64, off_m));
+        h.run_steps(2);
+    }
+    let finished = Event::Finished {
+        stamp: Stamp::from_seconds(1.3),
+        name: plan.name.clone(),
+    };
+    twin.events.try_send(finished).expect("room");
+    let mut rests = at(1.3, 0.0);
+    (rests.routine, rests.mode) = (None, Mode::AtGoal);
+    twin.publish(rests);
+    h.run_steps(3);
+    // The root of the mean of 0.3² and 0.4².
+    let result = "0.35 mm RMS off the path, 0.40 mm at most, by the estimate";
+    h.get_by_label_contains(result);
+    let marks: Vec<Command> = twin.taken();
+    assert_eq!(marks, [Command::Mark(format!("{}: {result}", plan.name))]);
+}
+
 #[test]
 fn in_a_replay_nothing_is_started_and_nothing_is_drawn() {
     let (twin, mut h) = with_plan(fixture::snapshot(1.0));

@@ -1,8 +1,10 @@
 //! The Recordings screen: A and B, events, contents, what is missing or cut off, loading.
 
+mod library;
 mod made;
 mod near;
 mod notes;
+mod rec;
 mod rolling;
 
 use std::path::Path;
@@ -45,8 +47,7 @@ fn entry(name: &str, note: Option<&str>) -> RecordingEntry {
         seconds: Some(40.0),
         simulated: Some(true),
         note: note.map(str::to_owned),
-        sample: false,
-        noted: Vec::new(),
+        ..RecordingEntry::default()
     }
 }
 
@@ -154,11 +155,18 @@ pub(super) fn load(h: &mut Harness<'_, App>, name: &str, button: &str) {
     h.run_steps(2);
 }
 
+fn type_into(h: &mut Harness<'_, App>, label: &str, text: &str) {
+    h.get_by_label(label).focus();
+    h.run_steps(2);
+    h.get_by_label(label).type_text(text);
+    h.run_steps(3);
+}
+
 fn both() -> Harness<'static, App> {
     let mut h = harness(app(Theme::Dark));
     h.run_steps(3);
     load(&mut h, "first", "Load and play");
-    load(&mut h, "second", "Load as B");
+    load(&mut h, "second", "Compare as B");
     h
 }
 
@@ -246,7 +254,7 @@ fn unrelated_recordings_say_so_and_are_shifted_by_hand() {
     });
     h.run_steps(3);
     load(&mut h, "first", "Load and play");
-    load(&mut h, "second", "Load as B");
+    load(&mut h, "second", "Compare as B");
     h.get_by_label_contains("▲ No clear match");
     assert_eq!(h.state().screens.library.pair.offset_s, 0.0);
     h.get_by_label("Shift of B in s");
@@ -332,11 +340,12 @@ fn loading_shows_how_far_it_is_and_can_be_cancelled() {
     h.run_steps(3);
     load(&mut h, "first", "Load and play");
     h.get_by_label_contains("Loading first.rrd as A… counting frames");
-    assert!(is_disabled(&h, "Load and play") && !is_disabled(&h, "Load as B"));
+    assert!(is_disabled(&h, "Load and play") && !is_disabled(&h, "Compare as B"));
     h.get_by_label("Cancel loading").click();
     h.run_steps(3);
     assert!(!h.state().screens.library.busy());
-    assert!(workers.lock().expect("not poisoned")[0].cancelled());
+    let workers = workers.lock().expect("not poisoned");
+    assert!(workers.iter().all(Worker::cancelled));
     assert!(h.state().player.is_none());
 }
 
@@ -370,7 +379,7 @@ fn the_window_goes_on_while_recordings_are_aligned() {
     let mut h = harness(app);
     h.run_steps(3);
     load(&mut h, "first", "Load and play");
-    load(&mut h, "second", "Load as B");
+    load(&mut h, "second", "Compare as B");
     h.get_by_label_contains("Aligning…");
     assert!(h.state().screens.library.busy() && h.query_by_label("Align recordings").is_none());
     let (pairing, worker) = asked.lock().expect("not poisoned").remove(0);

@@ -203,7 +203,7 @@ fn a_named_spring_shows_its_evidence_its_band_and_its_innovations() {
     let mut h = harness(app(&session, Theme::Dark));
     h.run();
     h.get_by_label_contains(
-        "▲ Spring 3 (2A) reads 5.2 mm more than the other sensors allow (probability > 99 %): check its hooks",
+        "▲ Spring 3 (2A) reads 5.2 mm too long, by the other sensors (probability of a fault > 99 %): check its hooks",
     );
     h.get_by_label("> 99 %");
     h.get_by_label("± 0.80");
@@ -213,6 +213,24 @@ fn a_named_spring_shows_its_evidence_its_band_and_its_innovations() {
     };
     assert_eq!(meter("Spring 2A NIS"), Some(31.0));
     assert_eq!(meter("IMU 4 NIS"), Some(1.0));
+}
+
+#[test]
+fn a_large_window_has_residual_and_innovations_in_words() {
+    let mut session = session();
+    last_frame(&mut session).quality.nis[2] = 31.0;
+    let mut small = harness(app(&session, Theme::Dark));
+    small.run();
+    small.get_by_label("NIS 31");
+    assert!(small.query_by_label("residual 2.50 mm").is_none());
+    let mut h = Harness::builder()
+        .with_size([2560.0, 1440.0])
+        .build_eframe(|_| app(&session, Theme::Dark));
+    h.run();
+    h.get_by_label("residual 2.50 mm");
+    h.get_by_label("NIS 31: beyond the gate");
+    let height = |h: &Harness<'_, App>| h.get_by_label("Spring 1A").rect().height();
+    assert!(height(&h) > 1.5 * height(&small));
 }
 
 #[test]

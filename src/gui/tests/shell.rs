@@ -86,7 +86,7 @@ fn a_message_shows_goes_and_stays_in_the_list() {
     h.key_press(Key::Escape);
     h.run_steps(30);
     let shown = h.get_all_by_label("▲ Go was refused.").count();
-    h.get_by_label("Messages 2").click();
+    h.get_by_label("Messages 2 ▲1").click();
     h.run_steps(3);
     let more = h.get_all_by_label("▲ Go was refused.").count();
     assert_eq!(
@@ -439,4 +439,81 @@ fn plots_stand_still_while_a_link_is_silent() {
     assert_eq!((history.range_s(), seen(&history)), (Some(before), n));
     let live = fixture::snapshot(9.0);
     assert_eq!(live_until_s(&live), live.stamp.seconds());
+}
+
+/// What a player does is shown by its screen, whatever screen the keys are pressed on.
+#[test]
+fn j_k_l_and_their_neighbours_play_a_recording_in_either_direction() {
+    let mut h = harness(recordings_app());
+    h.run_steps(3);
+    let mut player = Player::new(fixture::trace("circle", 40)).expect("not empty");
+    (player.playing, player.position_s) = (false, 20.0);
+    let sample_s = |p: &Player, k: usize| {
+        p.trace().snapshots[k].stamp.seconds() - p.trace().snapshots[0].stamp.seconds()
+    };
+    let (second, last) = (sample_s(&player, 1), player.duration_s());
+    h.state_mut().player = Some(player);
+    h.state_mut().screen = ScreenId::Recordings;
+    h.run_steps(2);
+    let press = |h: &mut Harness<'_, App>, key: Key| {
+        h.key_press(key);
+        h.run_steps(1);
+    };
+    let at = |h: &Harness<'_, App>| {
+        let p = h.state().player.as_ref().expect("is played");
+        (p.playing, p.speed, p.position_s)
+    };
+    let speed = |h: &Harness<'_, App>| h.get_by_label("Speed").value();
+    assert_eq!(speed(&h).as_deref(), Some("1×"));
+    press(&mut h, Key::J);
+    press(&mut h, Key::J);
+    let (playing, rate, there) = at(&h);
+    assert!(playing && rate == -2.0 && there < 20.0, "{rate} {there}");
+    h.run_steps(1);
+    assert_eq!(speed(&h).as_deref(), Some("◀◀ 2×"));
+    press(&mut h, Key::K);
+    let (playing, _, rests) = at(&h);
+    h.run_steps(3);
+    assert!(!playing && at(&h).2 == rests);
+    for _ in 0..3 {
+        press(&mut h, Key::L);
+    }
+    h.run_steps(1);
+    assert_eq!(speed(&h).as_deref(), Some("▶▶ 4×"));
+    // Steps and ends, on another screen that shows the recording; the line below the bar has the speed.
+    h.state_mut().screen = ScreenId::Sensors;
+    h.run_steps(1);
+    h.get_by_label("▶ Replay: circle (simulated), ▶▶ 4×");
+    press(&mut h, Key::K);
+    press(&mut h, Key::Home);
+    assert_eq!(at(&h).2, 0.0);
+    press(&mut h, Key::Period);
+    assert!((at(&h).2 - second).abs() < 1e-9);
+    press(&mut h, Key::Comma);
+    assert_eq!(at(&h).2, 0.0);
+    press(&mut h, Key::End);
+    assert_eq!(at(&h).2, last);
+    // The same by the player's buttons.
+    h.state_mut().screen = ScreenId::Recordings;
+    h.run_steps(2);
+    for (name, rate) in [
+        ("Play backwards", -1.0),
+        ("Play backwards", -2.0),
+        ("Play forwards", 1.0),
+    ] {
+        h.get_by_label(name).click();
+        h.run_steps(2);
+        assert_eq!(at(&h).1, rate, "{name}");
+    }
+    h.get_by_label("Back to the start").click();
+    h.run_steps(2);
+    h.get_by_label("Step forward").click();
+    h.run_steps(2);
+    let (playing, _, there) = at(&h);
+    assert!(!playing && there > 0.0);
+    // A screen that shows no recording leaves it alone.
+    h.state_mut().screen = ScreenId::Gap;
+    h.run_steps(2);
+    press(&mut h, Key::L);
+    assert!(!at(&h).0);
 }

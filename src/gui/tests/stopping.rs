@@ -197,27 +197,36 @@ fn safe_shows_its_reason_and_a_reset() {
 #[test]
 fn safe_states_what_the_boards_report_of_their_pumps() {
     for (pumps, venting, said) in [
-        ([Some(false); 2], false, "SAFE, pumps off: stopped"),
+        (
+            [Some(false); 2],
+            false,
+            "SAFE, pumps off, up to 12.0 kPa in chamber 1: stopped",
+        ),
         (
             [Some(true), Some(false)],
             false,
-            "SAFE, pumps of board 1 still on: stopped",
+            "SAFE, pumps of board 1 still on, up to 12.0 kPa in chamber 1: stopped",
         ),
         (
             [Some(true); 2],
             false,
-            "SAFE, pumps of board 1 and 2 still on: stopped",
+            "SAFE, pumps of board 1 and 2 still on, up to 12.0 kPa in chamber 1: stopped",
         ),
         (
             [Some(false), None],
             false,
-            "SAFE, pumps not reported: stopped",
+            "SAFE, pumps not reported, up to 12.0 kPa in chamber 1: stopped",
         ),
-        ([Some(true); 2], true, "SAFE, chambers are vented: stopped"),
+        (
+            [Some(true); 2],
+            true,
+            "SAFE, chambers are vented, up to 12.0 kPa in chamber 1: stopped",
+        ),
     ] {
         let mut s = fixture::snapshot(1.0);
         s.mode = Mode::Safe("stopped".into());
         (s.link.pumps, s.link.venting) = (pumps, venting);
+        s.raw.as_mut().expect("frames").chamber_pa = [12e3, 0.0, 0.0, -5e3, 0.0, 0.0];
         let (_twin, h) = running(s);
         h.get_by_label_contains(said);
     }

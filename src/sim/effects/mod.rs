@@ -14,6 +14,7 @@
 mod active;
 mod effect;
 mod operators;
+mod plain;
 mod run;
 mod table;
 mod terms;
@@ -25,6 +26,7 @@ pub use effect::{
     Reaction, Residual, Scene, Start,
 };
 pub use operators::{lagged_ramps, limited};
+pub use plain::plain;
 pub(super) use run::built_in;
 pub use run::{OnTheWay, arm_only, behind_gauges, gauges, go_on, read, simulate};
 pub use table::EFFECTS;

@@ -140,6 +140,10 @@ impl Twin {
             Command::Show(_)
             | Command::Mute { .. }
             | Command::Unmute(_)
+            | Command::TryPatch { .. }
+            | Command::DropPatch
+            | Command::KeepPatch
+            | Command::RevertPatch
             | Command::StartRecording(_)
             | Command::StopRecording
             | Command::Mark(_)

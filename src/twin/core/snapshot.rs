@@ -5,6 +5,7 @@ use crate::control::Stopwatch;
 use crate::link::Order;
 use crate::sensing::Calibration;
 use crate::signal::{GroundTruth, LinkStatus, Mode, RoutineStatus, Snapshot};
+use crate::sim::patch::SensorErrors;
 use crate::task::Target;
 
 impl Twin {
@@ -16,6 +17,11 @@ impl Twin {
     /// The calibration that the sensors are read by.
     pub fn calibration(&self) -> &Calibration {
         self.sensing.calibration()
+    }
+
+    /// The sensor errors that the readings are corrected by.
+    pub fn corrected_by(&self) -> SensorErrors {
+        self.maps.corrected_by(&self.robot)
     }
 
     /// The networks' file, by its SHA-256; empty for maps that are from no file.

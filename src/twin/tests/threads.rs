@@ -190,7 +190,8 @@ fn no_tick_settles_or_waits_for_what_is_drawn() {
     runner.draw_shapes();
     let (began_tx, began) = sync_channel(8);
     let (go, wait) = sync_channel::<()>(8);
-    let mut solver = ShapeSolver::new(&robot);
+    let corrected_by = crate::sim::patch::SensorErrors::of(&robot);
+    let mut solver = ShapeSolver::new(&runner.view.own_robot(), corrected_by);
     let worker = Newest::spawn("test", move |question: ShapeQuestion| {
         began_tx.send(question.stamp).expect("the test listens");
         wait.recv().expect("the test lets go");

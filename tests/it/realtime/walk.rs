@@ -105,6 +105,13 @@ fn a_hidden_load_is_noticed_named_patched_and_no_longer_noticed() {
         .map(|e| e.id.as_str())
         .collect();
     assert_eq!(effects, ["payload"]);
+    // Without a restart: compared on the running twin, then kept.
+    act(&display, "try the patch on the running twin");
+    wait_for(&log, "Tried beside the twin's own model");
+    std::thread::sleep(Duration::from_secs(12));
+    photograph(&display, &dir.join("6-tried.png"));
+    act(&display, "keep the tried patch");
+    wait_for(&log, "The twin's own model has the patch from now on");
     program.kill();
 
     let patched = patched.to_str().expect("a path");

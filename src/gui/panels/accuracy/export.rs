@@ -1,10 +1,8 @@
 //! Scores as files: a table, a picture, a report.
 
-use std::io::Cursor;
-use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
-use egui::{Button, ColorImage, Rect, Ui};
+use egui::{Button, Rect, Ui};
 
 use super::AccuracyState;
 use super::frames::sentences;
@@ -12,8 +10,10 @@ use super::table::published;
 use crate::analysis::score::{ReportFacts, csv, report};
 use crate::analysis::scores::Analysis;
 use crate::gui::panels::files::Saving;
+use crate::gui::panels::picture::{Picture, To};
+use crate::gui::panels::plot::file_name;
 use crate::gui::panels::widgets::{Gate, gated, note};
-use crate::gui::services::{Content, Dialog, DialogKind, Existing, Services};
+use crate::gui::services::{Content, Dialog, DialogKind, Services};
 use crate::gui::view::View;
 
 /// A kind of file.
@@ -55,13 +55,6 @@ impl Kind {
     }
 }
 
-// A picture that the renderer is asked for.
-struct Shot {
-    to: (PathBuf, Existing),
-    rect: Rect,
-    image: Arc<Mutex<Option<Arc<ColorImage>>>>,
-}
-
 /// Files that are being written.
 #[derive(Default)]
 pub struct Export {
@@ -70,15 +63,13 @@ pub struct Export {
     kind: Option<Kind>,
     /// Path, writing, and what was written last.
     pub saving: Saving,
-    /// A picture is taken of the next frame, which shows no controls of its own.
-    pose: Option<(PathBuf, Existing)>,
-    shot: Option<Shot>,
+    picture: Picture,
 }
 
 impl Export {
     /// Whether a picture is being taken: the controls are not drawn.
     pub fn is_posing(&self) -> bool {
-        self.pose.is_some() || self.shot.is_some()
+        self.picture.is_posing()
     }
 
     /// Whether something is awaited.
@@ -88,12 +79,7 @@ impl Export {
 }
 
 fn suggested(view: &View<'_>, kind: Kind) -> String {
-    let of = view
-        .replay
-        .and_then(|r| r.split(" (").next())
-        .unwrap_or("live");
-    let of = of.replace(|c: char| c.is_whitespace() || "/\\:".contains(c), "-");
-    format!("accuracy-{of}-{}.{}", view.origin(), kind.extension())
+    file_name(view, "accuracy", kind.extension())
 }
 
 /// The buttons, or the path that is asked for. In a picture the row names what is shown.
@@ -167,43 +153,19 @@ fn caption(view: &View<'_>, state: &AccuracyState) -> String {
 pub fn finish(ui: &Ui, state: &mut AccuracyState, services: &mut Services, whole: Rect) {
     let export = &mut state.export;
     export.saving.poll();
-    if let Some(to) = export.pose.take() {
-        export.shot = Some(take_picture(ui, to, whole));
-    }
-    if let Some(shot) = export.shot.take() {
-        let image = shot
-            .image
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
-        match image {
-            Some(image) => {
-                let (rect, scale) = (shot.rect, ui.ctx().pixels_per_point());
-                let content: Content = Box::new(move || png(&image.region(&rect, Some(scale))));
-                export
-                    .saving
-                    .write(shot.to, "the picture", content, services);
-                ui.ctx().request_repaint();
-            }
-            None => export.shot = Some(shot),
-        }
+    if let Some((to, content)) = export.picture.poll(ui, whole) {
+        export.saving.write(to, "the picture", content, services);
     }
 }
 
 // The files are made by whoever writes them: a long table takes longer than a frame may.
-fn write(
-    view: &View<'_>,
-    state: &mut AccuracyState,
-    kind: Kind,
-    to: (PathBuf, Existing),
-    services: &mut Services,
-) {
+fn write(view: &View<'_>, state: &mut AccuracyState, kind: Kind, to: To, services: &mut Services) {
     let Some(analysis) = state.scores.shown() else {
         return;
     };
     let scored = Arc::clone(&analysis.scored);
     match kind {
-        Kind::Png => state.export.pose = Some(to),
+        Kind::Png => state.export.picture.take(to),
         Kind::Csv => {
             let (origin, what) = (view.origin(), format!("{} rows", scored.len()));
             let content: Content = Box::new(move || Ok(csv(&scored, origin).into_bytes()));
@@ -234,26 +196,4 @@ fn facts(view: &View<'_>, state: &AccuracyState, analysis: &Analysis) -> ReportF
         paper: published(view.snapshot.payload_kg),
         frames: sentences(view, state.registration.as_ref()),
     }
-}
-
-fn take_picture(ui: &Ui, to: (PathBuf, Existing), rect: Rect) -> Shot {
-    let image = Arc::new(Mutex::new(None));
-    let (slot, ctx) = (Arc::clone(&image), ui.ctx().clone());
-    ui.ctx().request_screenshot(move |picture| {
-        *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(picture);
-        ctx.request_repaint();
-    });
-    Shot { to, rect, image }
-}
-
-fn png(image: &ColorImage) -> Result<Vec<u8>, String> {
-    let [width, height] = image.size.map(|n| n as u32);
-    let bytes: Vec<u8> = image.pixels.iter().flat_map(|p| p.to_array()).collect();
-    let picture = image::RgbaImage::from_raw(width, height, bytes)
-        .ok_or_else(|| "The picture has no pixels.".to_owned())?;
-    let mut out = Cursor::new(Vec::new());
-    picture
-        .write_to(&mut out, image::ImageFormat::Png)
-        .map_err(|e| format!("The picture cannot be written as PNG: {e}."))?;
-    Ok(out.into_inner())
 }

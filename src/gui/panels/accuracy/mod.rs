@@ -6,7 +6,7 @@ mod frames;
 mod space;
 mod table;
 
-use egui::{Button, Key, Modifiers, RichText, Ui, vec2};
+use egui::{Button, Event, Key, Modifiers, RichText, Ui, vec2};
 
 use super::plot::{self, Extras, Legend, Series, TimePlot, TimeWindow};
 use super::sensors::stale;
@@ -251,11 +251,17 @@ fn keys(ui: &Ui, state: &mut AccuracyState) {
     if ui.ctx().text_edit_focused() {
         return;
     }
-    let pressed = |key| ui.input_mut(|i| i.consume_key(Modifiers::NONE, key));
-    if pressed(Key::J) {
+    // On some keyboards brackets are typed with a modifier: then their text comes alone.
+    let pressed = |key, text: &str| {
+        ui.input_mut(|i| {
+            let is_typed = |e: &Event| matches!(e, Event::Text(t) if t == text);
+            i.consume_key(Modifiers::NONE, key) || i.events.iter().any(is_typed)
+        })
+    };
+    if pressed(Key::CloseBracket, "]") {
         state.jumps.push(true);
     }
-    if pressed(Key::K) {
+    if pressed(Key::OpenBracket, "[") {
         state.jumps.push(false);
     }
 }
@@ -267,22 +273,26 @@ fn stack(
     plots: &[(String, Vec<Series>, f64)],
     extras: Extras<'_>,
 ) {
-    plot::stack(ui, plots.len(), 48.0, |ui, i, height, time_axis| {
-        let (title, series, min_span) = &plots[i];
-        TimePlot {
-            title,
-            series,
-            min_span: *min_span,
-            emphasis: &[],
-            time_axis,
-            legend: if i == 0 && series.len() > 1 {
-                Legend::Shown
-            } else {
-                Legend::Hidden
-            },
-            playhead_s: None,
-        }
-        .show_with(ui, view, window, height, extras);
+    // Each stack keeps by itself which plot is enlarged.
+    let name = plots.first().map_or("", |(title, ..)| title.as_str());
+    ui.push_id(name, |ui| {
+        plot::stack(ui, plots.len(), 48.0, |ui, i, height, place| {
+            let (title, series, min_span) = &plots[i];
+            TimePlot {
+                title,
+                series,
+                min_span: *min_span,
+                emphasis: &[],
+                place,
+                legend: if i == 0 && series.len() > 1 {
+                    Legend::Shown
+                } else {
+                    Legend::Hidden
+                },
+                playhead_s: None,
+            }
+            .show_with(ui, view, window, height, extras);
+        });
     });
 }
 
@@ -341,7 +351,7 @@ fn over_time(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState, window: &m
     let extras = Extras {
         shaded: &shaded,
         marks: &marks,
-        lines: &[],
+        ..Extras::default()
     };
     stack(ui, view, window, &plots, extras);
 }
@@ -371,13 +381,13 @@ fn what_is_plotted(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) -> O
             false,
             "◀",
             "Previous peak",
-            "Previous peak of the translation error (K)",
+            "Previous peak of the translation error ([)",
         ),
         (
             true,
             "▶",
             "Next peak",
-            "Next peak of the translation error (J)",
+            "Next peak of the translation error (])",
         ),
     ] {
         let button = Button::new(text);
@@ -479,7 +489,7 @@ fn norms(ui: &mut Ui, view: &View<'_>, state: &AccuracyState, window: &mut TimeW
     let extras = Extras {
         shaded: &shaded,
         marks: &marks,
-        lines: &[],
+        ..Extras::default()
     };
     ui.spacing_mut().item_spacing.y = 2.0;
     stack(ui, view, window, &plots, extras);

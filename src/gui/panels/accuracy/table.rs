@@ -1,6 +1,6 @@
 //! The table of errors with the published values.
 
-use egui::{RichText, Ui, vec2};
+use egui::{RichText, TextStyle, Ui, vec2};
 
 use super::{AccuracyState, Scope};
 use crate::analysis::history::{Channel, Stats};
@@ -73,13 +73,13 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) {
                 .on_hover_text("Score everything up to now");
         },
     );
-    ui.spacing_mut().item_spacing = vec2(4.0, 2.0);
+    ui.spacing_mut().item_spacing = vec2(3.0, 2.0);
     ui.spacing_mut().interact_size.y = 17.0;
     let none = [None; 8];
     let stats = state.scores.shown().map_or(&none, |a| &a.stats);
     let paper = published(view.snapshot.payload_kg);
-    let name_width = 96.0;
-    let width = ((ui.available_width() - name_width - 7.0 * 4.0) / 7.0).max(36.0);
+    let name_width = widest_name(ui);
+    let width = ((ui.available_width() - name_width - 7.0 * 3.0) / 7.0).max(36.0);
     ui.horizontal(|ui| {
         let head = |t: &str| RichText::new(t).small().color(p.weak);
         cell_left(ui, name_width, head(""));
@@ -111,6 +111,30 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut AccuracyState) {
     ui.spacing_mut().item_spacing = vec2(8.0, 4.0);
 }
 
+/// Name of a row with its unit.
+fn name_of(channel: usize, name: &str) -> String {
+    format!("{name} / {}", Channel::Error(channel).unit())
+}
+
+/// Width of the longest name of a row, points.
+fn widest_name(ui: &Ui) -> f32 {
+    let color = Palette::in_ui(ui).text;
+    let font = TextStyle::Body.resolve(ui.style());
+    let width = |name: String| {
+        let galley = ui.painter().layout_no_wrap(name, font.clone(), color);
+        galley.size().x
+    };
+    let names = ROWS
+        .iter()
+        .map(|(channel, name, _)| name_of(*channel, name));
+    names.map(width).fold(0.0, f32::max).ceil() + 1.0
+}
+
+/// An error with two decimals, and one from 100 on: a column holds both.
+fn figure(value: f64) -> String {
+    number(value, if value < 99.995 { 2 } else { 1 })
+}
+
 fn row(
     ui: &mut Ui,
     [name_width, width]: [f32; 2],
@@ -120,13 +144,12 @@ fn row(
     paper: Option<f64>,
 ) {
     let p = *Palette::in_ui(ui);
-    let unit = Channel::Error(channel).unit();
     let whole = channel >= 6;
     ui.horizontal(|ui| {
         let color = if whole { p.text } else { p.weak };
-        let text = RichText::new(format!("{name} / {unit}")).color(color);
+        let text = RichText::new(name_of(channel, name)).color(color);
         cell_left(ui, name_width, if whole { text.strong() } else { text });
-        let show = |f: fn(&Stats) -> f64| s.map_or("—".into(), |s| number(f(&s), 2));
+        let show = |f: fn(&Stats) -> f64| s.map_or("—".into(), |s| figure(f(&s)));
         cell(ui, width, RichText::new(show(|s| s.mean)).color(p.text));
         let paper = paper.map_or("—".into(), |v| number(v, 2));
         cell(ui, width, RichText::new(paper).color(p.weak));
@@ -139,7 +162,7 @@ fn row(
             cell(ui, width, RichText::new(show(f)).color(p.text));
         }
         let n = s.map_or(0, |s| s.n).to_string();
-        cell(ui, width, RichText::new(n).color(p.weak));
+        cell(ui, width, RichText::new(n).small().color(p.weak));
     });
 }
 
@@ -173,6 +196,13 @@ fn left_out(ui: &mut Ui, view: &View<'_>, state: &AccuracyState) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_figure_has_five_digits_at_most() {
+        assert_eq!(figure(99.99), "99.99");
+        assert_eq!(figure(123.456), "123.5");
+        assert_eq!(figure(f64::NAN), "—");
+    }
 
     #[test]
     fn nearest_published_load() {

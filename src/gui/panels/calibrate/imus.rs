@@ -2,19 +2,24 @@
 
 use std::f32::consts::TAU;
 
-use egui::{Button, Mesh, Pos2, RichText, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
+use egui::{Button, Grid, Mesh, Pos2, RichText, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2};
 
+use egui_plot::MarkerShape;
+
+use super::scatter::{Group, Scatter};
 use super::springs::left_card;
 use super::{CalibrateState, capture_gate, motion};
 use crate::calibrate::imus::{
-    ImuTake, Phase, REST_S, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD, Verdict,
+    ImuTake, Phase, RESIDUAL_MAX_RAD, REST_S, SAMPLES_NEEDED, SECTORS, SECTORS_NEEDED, TILT_RAD,
+    Verdict,
 };
 use crate::calibrate::{Wizard, motion::all_sides};
 use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::imu_name;
-use crate::gui::panels::widgets::{gated, note, number, status};
+use crate::gui::panels::widgets::{gated, heading, note, number, status};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
+use crate::sensing::imu_fit::ImuFit;
 use crate::signal::IMUS;
 use crate::twin::Command;
 
@@ -31,12 +36,14 @@ pub fn ui(
     wizard: &mut Wizard,
     state: &mut CalibrateState,
     commands: &mut Vec<Command>,
+    height: f32,
 ) {
     ui.horizontal_top(|ui| {
         left_card(ui, |ui| {
             controls(ui, live, wizard, state, commands);
         });
         ui.vertical(|ui| {
+            let top = ui.cursor().top();
             let width = (ui.available_width() - ui.spacing().item_spacing.x) / 2.0;
             for pair in [[0, 1], [2, 3]] {
                 ui.horizontal_top(|ui| {
@@ -50,8 +57,68 @@ pub fn ui(
                     }
                 });
             }
+            let left = height - (ui.cursor().top() - top) - 20.0;
+            if left >= RESIDUALS[0] {
+                card(ui, |ui| {
+                    ui.set_min_width(ui.available_width());
+                    residuals(ui, wizard, left.min(RESIDUALS[1]));
+                });
+            }
         });
     });
+}
+
+/// Least and most height of the residuals below the four IMUs, points.
+const RESIDUALS: [f32; 2] = [150.0, 420.0];
+
+/// Residual of each IMU that passed, by its number, deg.
+fn residuals_deg(wizard: &Wizard) -> Vec<[f64; 2]> {
+    let of = |i: usize| match wizard.imu(i) {
+        Verdict::Pass(fit) => Some(fit.entry.fit.residual_rad.to_degrees()),
+        _ => None,
+    };
+    (0..IMUS)
+        .filter_map(|i| Some([(i + 1) as f64, of(i)?]))
+        .collect()
+}
+
+/// The residual angle of each IMU with the limit as a band: captured ones, else those of the calibration in use.
+fn residuals(ui: &mut Ui, wizard: &Wizard, height: f32) {
+    let p = *Palette::in_ui(ui);
+    let captured = residuals_deg(wizard);
+    let in_use = wizard.in_use.imus.iter();
+    let in_use = in_use.map(|m| [m.imu as f64, m.fit.residual_rad.to_degrees()]);
+    let limit_deg = RESIDUAL_MAX_RAD.to_degrees();
+    let group = |name, points, color, shape| Group {
+        name,
+        points,
+        color,
+        shape: Some(shape),
+    };
+    Scatter {
+        title: "Angle between gravity by the springs and by each IMU, RMS / deg",
+        name: &format!(
+            "Residuals of {} captured IMUs, PASS limit {} deg",
+            captured.len(),
+            number(limit_deg, 1)
+        ),
+        units: ["(IMU)", "deg"],
+        names: true,
+        x: [0.5, IMUS as f64 + 0.5],
+        x_labels: true,
+        groups: vec![
+            group("in use", in_use.collect(), p.bar, MarkerShape::Circle),
+            group("captured", captured, p.series[0], MarkerShape::Diamond),
+        ],
+        line: Vec::new(),
+        line_name: "",
+        band: Some([0.0, limit_deg]),
+        band_name: &format!("PASS: up to {} deg", number(limit_deg, 1)),
+        now: None,
+        least: None,
+        min_span: 1.2 * limit_deg,
+    }
+    .show(ui, height);
 }
 
 fn controls(
@@ -200,6 +267,11 @@ fn imu(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, i: usize) {
             .accessible_name(format!("Redo IMU {}", i + 1));
             again = response.clicked();
         });
+        if let Verdict::Pass(fit) = &verdict
+            && ui.available_width() > PARAMETERS
+        {
+            parameters(ui, fit, i);
+        }
     });
     if again {
         let base = wizard.base();
@@ -209,6 +281,35 @@ fn imu(ui: &mut Ui, live: &View<'_>, wizard: &mut Wizard, i: usize) {
     if let Verdict::Redo(why) = &verdict {
         ui.label(RichText::new(why).color(p.text));
     }
+}
+
+/// Least width for the fitted parameters, points.
+const PARAMETERS: f32 = 480.0;
+
+/// What was fitted of an IMU, with standard deviations; what the motion left open is marked.
+fn parameters(ui: &mut Ui, fit: &ImuFit, i: usize) {
+    ui.scope(|ui| {
+        ui.spacing_mut().item_spacing = vec2(12.0, 1.0);
+        ui.spacing_mut().interact_size.y = 16.0;
+        Grid::new(("parameters", i)).num_columns(2).show(ui, |ui| {
+            for pair in fit.parameters.chunks(2) {
+                for q in pair {
+                    let sign = if q.is_observed() { "●" } else { "○" };
+                    let text = format!(
+                        "{sign} {} {} ± {} {}",
+                        q.name,
+                        number(q.value, 3),
+                        number(q.sigma, 3),
+                        q.unit
+                    );
+                    heading(ui, text.trim_end()).on_hover_text(
+                        "Value and standard deviation; ○: the motion did not determine it",
+                    );
+                }
+                ui.end_row();
+            }
+        });
+    });
 }
 
 /// Where the pad was tilted to: a sector is full once it counts.

@@ -40,6 +40,11 @@ impl Default for Learning {
 }
 
 impl Learning {
+    /// How long the arm is driven for it, min.
+    pub fn minutes(&self) -> u32 {
+        self.minutes
+    }
+
     /// Whether it is under way.
     pub fn is_busy(&self) -> bool {
         self.running.is_busy()

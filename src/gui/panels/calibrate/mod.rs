@@ -3,11 +3,13 @@
 //! Nothing of what is captured is used before its step is left: then the twin reads by it, and Cancel gives it
 //! back the calibration from before.
 
+mod curve;
 mod imus;
 mod learn;
 mod motion;
 mod preflight;
 mod save;
+mod scatter;
 mod springs;
 mod validate;
 mod vicon;
@@ -56,6 +58,8 @@ pub struct CalibrateState {
     log: PathField,
     hand_spring: usize,
     hand_mm: String,
+    /// The spring (0-based) whose curve is shown; `None`: one that needs attention.
+    curve_of: Option<usize>,
     /// The virtual rig's bench.
     practice: PracticeBench,
     cancelling: bool,
@@ -102,6 +106,18 @@ impl CalibrateState {
             Some(wizard) if wizard.may_enter(step).is_ok() => wizard.go_to(step, mode),
             _ => Vec::new(),
         }
+    }
+
+    /// Shows the curve of the spring after the one that is shown.
+    pub fn next_curve(&mut self) {
+        if let Some(wizard) = &self.wizard {
+            self.curve_of = Some((curve::shown(wizard, self) + 1) % crate::signal::SPRINGS);
+        }
+    }
+
+    /// Asks whether what was captured shall be discarded.
+    pub fn ask_to_cancel(&mut self) {
+        self.cancelling = true;
     }
 
     /// The wizard, once the screen has been shown.
@@ -215,13 +231,14 @@ pub fn ui(
     stepper(ui, live, &mut wizard, state, commands);
     notices(ui, live, &mut wizard, state, commands);
     footer(ui, live, &mut wizard, state, commands);
+    let height = ui.available_height();
     ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         let w = &mut wizard;
         match w.step {
-            Step::Preflight => preflight::ui(ui, live, w, state, services),
-            Step::Springs => springs::ui(ui, live, w, state, services),
-            Step::Imus => imus::ui(ui, live, w, state, commands),
-            Step::Mocap => vicon::ui(ui, live, w, state, commands),
+            Step::Preflight => preflight::ui(ui, live, w, state, services, height),
+            Step::Springs => springs::ui(ui, live, w, state, services, height),
+            Step::Imus => imus::ui(ui, live, w, state, commands, height),
+            Step::Mocap => vicon::ui(ui, live, w, state, commands, height),
             Step::Validate => validate::ui(ui, live, w, state, services, commands),
             Step::Save => save::ui(ui, live, w, state, services),
             Step::Learn => learn::ui(ui, live, w, state, services, commands),

@@ -5,7 +5,7 @@ use egui::{
     vec2,
 };
 
-use super::{CalibrateState, Source, capture_gate};
+use super::{CalibrateState, Source, capture_gate, curve};
 use crate::calibrate::springs::{CELLS, SpringTake, Verdict};
 use crate::calibrate::{BenchRequest, Wizard};
 use crate::gui::panels::files::Ask;
@@ -22,14 +22,21 @@ use crate::signal::spring_name;
 const LEFT: f32 = 316.0;
 /// Its width in a narrow window, points.
 const LEFT_NARROW: f32 = 292.0;
+/// Windows narrower than this are narrow, points.
+const NARROW: f32 = 1140.0;
+
+/// Width of the card on the left, points.
+fn left_width(ui: &Ui) -> f32 {
+    match ui.ctx().content_rect().width() < NARROW {
+        true => LEFT_NARROW,
+        false => LEFT,
+    }
+}
 
 /// The card on the left of a step: what the operator does.
 pub fn left_card(ui: &mut Ui, contents: impl FnOnce(&mut Ui)) {
-    let width = match ui.available_width() < 1000.0 {
-        true => LEFT_NARROW,
-        false => LEFT,
-    };
-    ui.allocate_ui(vec2(width, ui.available_height()), |ui| {
+    let width = left_width(ui);
+    ui.allocate_ui(vec2(width, ui.available_height().max(0.0)), |ui| {
         card(ui, |ui| {
             ui.set_width(width - 20.0);
             contents(ui);
@@ -44,6 +51,7 @@ pub fn ui(
     wizard: &mut Wizard,
     state: &mut CalibrateState,
     services: &mut Services,
+    height: f32,
 ) {
     if state.source.is_none() {
         state.source = Some(match services.calibration.bench {
@@ -51,15 +59,60 @@ pub fn ui(
             None => Source::Log,
         });
     }
+    let beside = ui.available_width() > BESIDE;
     ui.horizontal_top(|ui| {
-        left_card(ui, |ui| {
-            source(ui, live, wizard, state, services);
-        });
         ui.vertical(|ui| {
-            card(ui, |ui| {
-                ui.set_min_width(ui.available_width());
-                table(ui, live, wizard, state, services);
+            let top = ui.cursor().top();
+            left_card(ui, |ui| {
+                source(ui, live, wizard, state, services);
             });
+            if !beside {
+                let left = height - (ui.cursor().top() - top);
+                // As wide as the card above it, where that leaves space.
+                let width = ui.min_rect().width();
+                if left > curve::LEAST {
+                    curve_card(ui, live, wizard, state, [width, left]);
+                }
+            }
+        });
+        if beside {
+            ui.allocate_ui(vec2(TABLE + 20.0, height), |ui| {
+                card(ui, |ui| {
+                    ui.set_width(TABLE);
+                    table(ui, live, wizard, state, services);
+                });
+            });
+            let width = ui.available_width();
+            curve_card(ui, live, wizard, state, [width, height]);
+        } else {
+            ui.vertical(|ui| {
+                card(ui, |ui| {
+                    ui.set_min_width(ui.available_width());
+                    table(ui, live, wizard, state, services);
+                });
+            });
+        }
+    });
+}
+
+/// Above this width the curve stands beside the table, points.
+const BESIDE: f32 = 1400.0;
+/// Width of the table beside the curve, points.
+const TABLE: f32 = 670.0;
+
+/// The curve of the chosen spring in a card of this width and height.
+fn curve_card(
+    ui: &mut Ui,
+    live: &View<'_>,
+    wizard: &Wizard,
+    state: &CalibrateState,
+    [width, height]: [f32; 2],
+) {
+    ui.allocate_ui(vec2(width, height), |ui| {
+        card(ui, |ui| {
+            ui.set_width(width - 20.0);
+            let inner = (height - 20.0).max(curve::LEAST);
+            curve::ui(ui, live, wizard, state, inner);
         });
     });
 }
@@ -71,7 +124,7 @@ fn source(
     state: &mut CalibrateState,
     services: &mut Services,
 ) {
-    ui.heading("Choose where the points come from");
+    ui.heading("Source of the points");
     ui.horizontal(|ui| {
         for (source, name, hover) in [
             (
@@ -302,12 +355,13 @@ fn hand(
         && gate.is_ok()
         && let Ok(length_m) = length
     {
+        state.curve_of = Some(state.hand_spring);
         wizard.springs.begin_hand(state.hand_spring, length_m);
     }
 }
 
 /// Widths of the columns but for the coverage, which takes what is left up to [`COVERAGE`], points.
-const COLUMNS: [f32; 6] = [60.0, 44.0, 0.0, 84.0, 84.0, 74.0];
+const COLUMNS: [f32; 6] = [68.0, 44.0, 0.0, 84.0, 84.0, 74.0];
 /// Most and least width of the coverage, points.
 const COVERAGE: [f32; 2] = [208.0, 60.0];
 /// Width of the button at the end of a row, points.
@@ -347,8 +401,9 @@ fn table(
             .on_hover_text("Largest difference between the way up and the way down, mm");
         cell_left(ui, columns[5], head("verdict"));
     });
+    let shown = curve::shown(wizard, state);
     for i in 0..SPRINGS {
-        row(ui, live, wizard, state, services, columns, i);
+        row(ui, live, wizard, state, services, (columns, shown), i);
     }
     ui.add_space(6.0);
     for i in 0..SPRINGS {
@@ -381,7 +436,7 @@ fn row(
     wizard: &mut Wizard,
     state: &mut CalibrateState,
     services: &mut Services,
-    columns: [f32; 6],
+    (columns, shown): ([f32; 6], usize),
     i: usize,
 ) {
     let p = *Palette::in_ui(ui);
@@ -395,7 +450,15 @@ fn row(
     };
     ui.horizontal(|ui| {
         ui.set_min_height(26.0);
-        cell_left(ui, columns[0], format!("{} ({})", i + 1, spring_name(i)));
+        let name = format!("{} ({})", i + 1, spring_name(i));
+        let button = Button::selectable(shown == i, name).min_size(vec2(columns[0], 24.0));
+        let button = ui
+            .add(button)
+            .accessible_name(format!("Show the curve of spring {}", i + 1))
+            .on_hover_text("Show this spring's curve and its residuals");
+        if button.clicked() {
+            state.curve_of = Some(i);
+        }
         let take = &wizard.springs.springs[i];
         let points = take.points().len();
         cell(
@@ -450,6 +513,7 @@ fn redo(
     if !response.clicked() {
         return;
     }
+    state.curve_of = Some(i);
     match state.source {
         Some(Source::Bench) => {
             let request = state.practice.redraw(vec![i]);

@@ -4,6 +4,9 @@ use egui::{
     Button, Grid, Rect, RichText, Role, ScrollArea, Sense, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
+use egui_plot::MarkerShape;
+
+use super::scatter::{Group, Scatter};
 use super::springs::left_card;
 use super::{CalibrateState, capture_gate, motion};
 use crate::calibrate::Wizard;
@@ -15,6 +18,7 @@ use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
 use crate::sensing::registration::{FrameFit, POSES_MIN, PosePair};
 use crate::signal::{TruthSource, ypr_from_rotation};
+use crate::task::Leg;
 use crate::twin::Command;
 
 /// The step.
@@ -24,30 +28,120 @@ pub fn ui(
     wizard: &mut Wizard,
     state: &mut CalibrateState,
     commands: &mut Vec<Command>,
+    height: f32,
 ) {
+    let beside = ui.available_width() > RESIDUALS_BESIDE;
     ui.horizontal_top(|ui| {
         left_card(ui, |ui| {
             controls(ui, live, wizard, state, commands);
         });
-        ui.vertical(|ui| {
-            card(ui, |ui| {
-                ui.set_min_width(ui.available_width());
-                result(ui, live, wizard);
-            });
-            card(ui, |ui| {
-                ui.set_min_width(ui.available_width());
-                if ui.available_width() < BESIDE {
-                    ui.horizontal_top(|ui| maps(ui, wizard.mocap.pairs()));
-                    pairs(ui, wizard);
-                    return;
-                }
-                ui.horizontal_top(|ui| {
-                    ui.vertical(|ui| maps(ui, wizard.mocap.pairs()));
-                    ui.vertical(|ui| pairs(ui, wizard));
+        let width = match beside {
+            true => 0.5 * (ui.available_width() - ui.spacing().item_spacing.x),
+            false => ui.available_width(),
+        };
+        ui.allocate_ui(vec2(width, height), |ui| {
+            ui.vertical(|ui| {
+                ui.set_width(width);
+                card(ui, |ui| {
+                    ui.set_min_width(ui.available_width());
+                    result(ui, live, wizard);
                 });
+                card(ui, |ui| {
+                    ui.set_min_width(ui.available_width());
+                    if ui.available_width() < BESIDE {
+                        ui.horizontal_top(|ui| maps(ui, wizard.mocap.pairs()));
+                        pairs(ui, wizard);
+                        return;
+                    }
+                    ui.horizontal_top(|ui| {
+                        ui.vertical(|ui| maps(ui, wizard.mocap.pairs()));
+                        ui.vertical(|ui| pairs(ui, wizard));
+                    });
+                });
+                if !beside && !wizard.mocap.pairs().is_empty() {
+                    card(ui, |ui| residuals(ui, wizard, RESIDUALS));
+                }
             });
         });
+        if beside {
+            let size = vec2(ui.available_width(), height);
+            ui.allocate_ui(size, |ui| {
+                card(ui, |ui| residuals(ui, wizard, height - 20.0));
+            });
+        }
     });
+}
+
+/// Above this width the residuals of the poses stand beside their table, points.
+const RESIDUALS_BESIDE: f32 = 1500.0;
+/// Height of the residuals below the table, points.
+const RESIDUALS: f32 = 280.0;
+
+/// What the other poses predict of each, against what was captured: distances and angles over the number of the pose.
+fn residuals(ui: &mut Ui, wizard: &Wizard, height: f32) {
+    ui.set_min_width(ui.available_width());
+    let top = ui.cursor().top();
+    ui.label(RichText::new("Residual of each pose, left out of the fit").strong());
+    let Some(Ok(fit)) = wizard.mocap.fit() else {
+        note(
+            ui,
+            format!("It follows from {POSES_MIN} poses on that determine the registration."),
+        );
+        return;
+    };
+    note(
+        ui,
+        "A pose stands out beyond six standard deviations of what the others predict; it is then not used.",
+    );
+    let p = *Palette::in_ui(ui);
+    let rest = height - (ui.cursor().top() - top) - ui.spacing().item_spacing.y;
+    for (k, (quantity, unit)) in [("Distance", "mm"), ("Angle", "deg")]
+        .into_iter()
+        .enumerate()
+    {
+        let [used, out] = per_pose(fit, k);
+        let group = |name, points, color, shape| Group {
+            name,
+            points,
+            color,
+            shape: Some(shape),
+        };
+        let all = fit.held_out.len();
+        Scatter {
+            title: &format!("{quantity} / {unit} over the number of the pose"),
+            name: &format!("{quantity} of {all} poses left out, {unit}"),
+            units: ["(pose)", unit],
+            names: true,
+            x: [0.5, all as f64 + 0.5],
+            x_labels: k == 1,
+            groups: vec![
+                group("used", used, p.series[0], MarkerShape::Circle),
+                group("stands out", out, p.warning, MarkerShape::Diamond),
+            ],
+            line: Vec::new(),
+            line_name: "",
+            band: None,
+            band_name: "",
+            now: None,
+            least: Some(0.0),
+            min_span: 0.2,
+        }
+        .show(ui, 0.5 * rest);
+    }
+}
+
+/// Distances (0, mm) or angles (1, deg) over the number of the pose: of those that are used, and of those that stand out.
+fn per_pose(fit: &FrameFit, quantity: usize) -> [Vec<[f64; 2]>; 2] {
+    let mut found = [Vec::new(), Vec::new()];
+    for (i, held_out) in fit.held_out.iter().enumerate() {
+        let value = match quantity {
+            0 => held_out.distance_m() * 1e3,
+            _ => held_out.angle_rad().to_degrees(),
+        };
+        let out = usize::from(fit.suspects.contains(&i));
+        found[out].push([(i + 1) as f64, value]);
+    }
+    found
 }
 
 fn controls(
@@ -201,39 +295,58 @@ fn passed(ui: &mut Ui, live: &View<'_>, fit: &FrameFit, n: usize) {
 /// From this width on the maps stand beside the table, points.
 const BESIDE: f32 = 650.0;
 
+/// From this width of their card on the maps are twice as large, points.
+const LARGE: f32 = 900.0;
+
 /// The poses as points: places from above, and tilts.
 fn maps(ui: &mut Ui, pairs: &[PosePair]) {
     let p = *Palette::in_ui(ui);
-    let mut map = |name: &str, unit: &str, span: f64, points: Vec<[f64; 2]>| {
-        ui.vertical(|ui| {
-            note(ui, name);
-            let (rect, response) = ui.allocate_exact_size(vec2(150.0, 118.0), Sense::hover());
-            let painter = ui.painter().with_clip_rect(rect);
-            painter.rect_filled(rect, 2.0, p.sunken);
-            painter.rect_stroke(
-                rect,
-                2.0,
-                Stroke::new(1.0, p.line),
-                egui::StrokeKind::Inside,
-            );
-            painter.hline(rect.x_range(), rect.center().y, Stroke::new(1.0, p.line));
-            painter.vline(rect.center().x, rect.y_range(), Stroke::new(1.0, p.line));
-            let scale = 0.5 * f64::from(rect.height()) / span;
-            for [x, y] in &points {
-                let at = pos2(
-                    rect.center().x + (x * scale) as f32,
-                    rect.center().y - (y * scale) as f32,
-                );
-                painter.rect_filled(Rect::from_center_size(at, vec2(5.0, 5.0)), 1.0, p.bar);
-            }
-            let text = format!(
-                "{name}: {} poses, {span:.0} {unit} from the middle to the edge",
-                points.len()
-            );
-            response.widget_info(|| WidgetInfo::labeled(Role::Label, true, &text));
-            response.on_hover_text(format!("{text}. x of the base to the right, y up"));
-        });
+    let scale = match ui.available_width() > LARGE {
+        true => 2.0,
+        false => 1.0,
     };
+    let mut map =
+        |name: &str, unit: &str, span: f64, points: Vec<[f64; 2]>, planned: &[[f64; 2]]| {
+            ui.vertical(|ui| {
+                note(ui, name);
+                let size = scale * vec2(150.0, 118.0);
+                let (rect, response) = ui.allocate_exact_size(size, Sense::hover());
+                let painter = ui.painter().with_clip_rect(rect);
+                painter.rect_filled(rect, 2.0, p.sunken);
+                painter.rect_stroke(
+                    rect,
+                    2.0,
+                    Stroke::new(1.0, p.line),
+                    egui::StrokeKind::Inside,
+                );
+                painter.hline(rect.x_range(), rect.center().y, Stroke::new(1.0, p.line));
+                painter.vline(rect.center().x, rect.y_range(), Stroke::new(1.0, p.line));
+                let scale = 0.5 * f64::from(rect.height()) / span;
+                let place = |[x, y]: &[f64; 2]| {
+                    pos2(
+                        rect.center().x + (x * scale) as f32,
+                        rect.center().y - (y * scale) as f32,
+                    )
+                };
+                for at in planned.iter().map(place) {
+                    painter.circle_stroke(at, 4.0, Stroke::new(1.0, p.weak));
+                }
+                for at in points.iter().map(place) {
+                    painter.rect_filled(Rect::from_center_size(at, vec2(5.0, 5.0)), 1.0, p.bar);
+                }
+                let text = format!(
+                    "{name}: {} poses, {span:.0} {unit} from the middle to the edge",
+                    points.len()
+                );
+                response.widget_info(|| WidgetInfo::labeled(Role::Label, true, &text));
+                let rings = if planned.is_empty() {
+                    ""
+                } else {
+                    "; rings: the poses that the button visits"
+                };
+                response.on_hover_text(format!("{text}. x of the base to the right, y up{rings}"));
+            });
+        };
     let place = |q: &PosePair| {
         let t = q.base_from_tip.translation.vector * 1e3;
         [t.x, t.y]
@@ -243,9 +356,26 @@ fn maps(ui: &mut Ui, pairs: &[PosePair]) {
         "mm",
         115.0,
         pairs.iter().map(place).collect(),
+        &planned_mm(),
     );
     let lean = |q: &PosePair| tilt(&q.base_from_tip.rotation).map(f64::to_degrees);
-    map("Tilts", "degrees", 30.0, pairs.iter().map(lean).collect());
+    map(
+        "Tilts",
+        "degrees",
+        30.0,
+        pairs.iter().map(lean).collect(),
+        &[],
+    );
+}
+
+/// Places of the poses that the button visits, x and y of the base, mm.
+fn planned_mm() -> Vec<[f64; 2]> {
+    let legs = poses().legs.into_iter();
+    legs.filter_map(|leg| match leg {
+        Leg::Move(goal) => Some([goal.position_m[0] * 1e3, goal.position_m[1] * 1e3]),
+        _ => None,
+    })
+    .collect()
 }
 
 fn pairs(ui: &mut Ui, wizard: &mut Wizard) {

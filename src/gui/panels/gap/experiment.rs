@@ -3,20 +3,23 @@
 
 use egui::{RichText, Ui};
 
-use super::{GapState, Trouble};
+use super::tried::{Trace, in_short, show};
+use super::{GapState, Step, Trouble};
+use crate::analysis::history::Channel;
 use crate::gap::report::Origin;
 use crate::gui::panels::conduct::{Conduct, Consent, conduct_gate};
+use crate::gui::panels::plot::Dash;
 use crate::gui::panels::recordings::keep_gate;
 use crate::gui::panels::widgets::{Gate, gated, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::services::gap::Pair;
-use crate::gui::theme::Level;
+use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
-use crate::signal::{Snapshot, capitalised};
+use crate::signal::{Disagreement, IMUS, SPRINGS, Snapshot, capitalised};
 use crate::twin::{Command, Event};
 
-/// How much of the rolling recording is checked, s.
-const CHECKED_S: f64 = 120.0;
+/// How much of the rolling recording is checked, s: about as long as a session that the finder judges well.
+const CHECKED_S: f64 = 90.0;
 
 impl GapState {
     /// Whether a search can begin against a baseline that was kept, or why not.
@@ -89,7 +92,7 @@ impl GapState {
                 answer: None,
                 known: None,
             };
-            self.step = super::Step::Select;
+            self.step = Step::Select;
             self.trouble = None;
             self.conduct = Some(Conduct::new(link, Consent::Each));
             self.running.begin_for(search, job);
@@ -164,12 +167,56 @@ fn mute(ui: &mut Ui, state: &mut GapState, likely: &[String]) {
     });
 }
 
-/// The ways to let the finder look at the live arm.
-pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut Services) {
-    ui.label(RichText::new("The live arm").strong());
+/// The residual of the channel that disagrees most, by the twin's own model; `None` for what has none.
+fn residual_of(d: &Disagreement) -> Option<Channel> {
+    let number = |text: &str| text.parse::<usize>().ok()?.checked_sub(1);
+    match *d.channel.split(' ').collect::<Vec<_>>() {
+        ["spring", i] => number(i)
+            .filter(|i| *i < SPRINGS)
+            .map(Channel::SpringResidual),
+        // About x, y, z, which is roll, pitch, yaw near the hanging arm.
+        ["IMU", i, axis] => {
+            let k = ["z", "y", "x"].iter().position(|a| *a == axis)?;
+            number(i)
+                .filter(|i| *i < IMUS)
+                .map(|i| Channel::ImuResidual(i, k))
+        }
+        _ => None,
+    }
+}
+
+impl GapState {
+    /// Shows what the monitor finds of the live arm, and highlights the spring that disagrees most.
+    pub fn explain_live(&mut self, live: &Snapshot, selected_spring: &mut Option<usize>) {
+        if self.gate(Step::Select).is_ok() {
+            self.step = Step::Select;
+        }
+        let d = live.disagreement.as_ref().filter(|d| d.ratio > 1.0);
+        if let Some(Channel::SpringResidual(i)) = d.and_then(residual_of) {
+            *selected_spring = Some(i);
+        }
+    }
+}
+
+/// How a monitor of this arm is had.
+fn no_baseline(live: &View<'_>) -> &'static str {
+    match live.snapshot.link.moves_hardware() {
+        true => {
+            "No baseline, so nothing compares twin and arm. Choose a session of the rig in order as the healthy session, press Keep as \
+             baseline, and connect again."
+        }
+        false => {
+            "No baseline, so nothing compares twin and arm. For a virtual rig: springtwin gap commission SESSION --baseline FILE, \
+             then start the window with --baseline FILE."
+        }
+    }
+}
+
+/// What the monitor finds.
+fn verdict(ui: &mut Ui, live: &View<'_>) {
     let s = live.snapshot;
-    match s.disagreement.as_ref().filter(|d| d.ratio > 1.0) {
-        Some(d) => {
+    match &s.disagreement {
+        Some(d) if d.ratio > 1.0 => {
             let ago = number((s.stamp.seconds() - d.since_s).max(0.0), 0);
             let text = format!(
                 "Twin and arm disagree since {ago} s ago, most in {}.{}",
@@ -177,12 +224,59 @@ pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut 
                 d.looks_like()
             );
             status(ui, Level::Warning, &text);
-            mute(ui, state, &d.likely);
         }
-        None => {
-            let what = "An experiment drives what separates the possible effects best, until one is named or nothing is missing.";
-            note(ui, what);
+        Some(d) => {
+            let text = format!(
+                "Twin and arm agree: {} of the limit, most in {}.",
+                number(d.ratio, 1),
+                d.channel
+            );
+            status(ui, Level::Normal, &text);
         }
+        None if s.is_monitored => {
+            note(
+                ui,
+                "A monitor compares twin and arm; its first verdict comes after some seconds of readings.",
+            );
+        }
+        None if !s.link.source.is_empty() => {
+            note(ui, format!("○ {}", no_baseline(live)));
+        }
+        None => {}
+    }
+}
+
+/// The residual of what disagrees, over the last minute; whether something disagrees.
+fn trace(ui: &mut Ui, live: &View<'_>) -> bool {
+    let d = live
+        .snapshot
+        .disagreement
+        .as_ref()
+        .filter(|d| d.ratio > 1.0);
+    let Some((d, channel)) = d.and_then(|d| Some((d, residual_of(d)?))) else {
+        return false;
+    };
+    let p = *Palette::in_ui(ui);
+    let title = format!("Residual of {}, last 60 s", d.channel);
+    let line = Trace {
+        name: "twin's model",
+        color: p.text,
+        dash: Dash::Solid,
+        channel,
+        from_s: f64::NEG_INFINITY,
+    };
+    show(ui, live, &title, &[line]);
+    true
+}
+
+/// The ways to let the finder look at the live arm.
+pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut Services) {
+    ui.label(RichText::new("The live arm").strong());
+    let s = live.snapshot;
+    verdict(ui, live);
+    in_short(ui, live, &mut state.orders);
+    if let Some(d) = s.disagreement.as_ref().filter(|d| d.ratio > 1.0) {
+        mute(ui, state, &d.likely);
     }
     for name in s.disagreement.iter().flat_map(|d| &d.muted) {
         let text = format!("{} is muted: count it again", capitalised(name));
@@ -193,7 +287,7 @@ pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut 
     let (mut checks, mut begins) = (false, false);
     ui.horizontal_wrapped(|ui| {
         let gate = state.check_gate(live);
-        let text = format!("Check the last {:.0} min", CHECKED_S / 60.0);
+        let text = format!("Check the last {CHECKED_S:.0} s");
         let hover = "Looks for what is missing in what the rolling recording kept; the arm goes on";
         checks = gated(ui, &gate, egui::Button::new(text), hover).clicked();
         let gate = state.experiment_gate(live);
@@ -205,6 +299,9 @@ pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut 
             ui.spinner();
         }
     });
+    let what = "An experiment drives what separates the possible effects best, until one is found or nothing is missing.";
+    note(ui, what);
+    trace(ui, live);
     if checks {
         state.check_last(live, services);
     }

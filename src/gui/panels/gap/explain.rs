@@ -4,14 +4,18 @@ use egui::{
     Button, FontId, Rangef, Rect, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
+use super::chart::{Chart, Line};
 use super::{GapState, Outcome, Trouble};
 use crate::gap::report::{
-    effect_name, equation, next_step, quantity, ranked_name, sentence, verdict_name, with_error,
+    effect_name, equation, next_step, plainly, quantity, ranked_name, sentence, verdict_name,
+    with_error,
 };
 use crate::gap::score::Key;
-use crate::gap::{Explained, Finding, FoundEffect, Ranked, Verdict};
-use crate::gui::panels::plot::still;
-use crate::gui::panels::widgets::{badge, cell, cell_left, gated, heading, note, pane};
+use crate::gap::{Explained, Finding, FoundEffect, Ranked, Traces, Verdict};
+use crate::gui::panels::plot::{Dash, still};
+use crate::gui::panels::widgets::{
+    Gate, badge, cell, cell_left, gated, heading, note, number, pane,
+};
 use crate::gui::services::Services;
 use crate::gui::theme::{Level, Palette};
 
@@ -66,6 +70,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         ui.vertical(|ui| {
             pane(ui, "tried", |ui| {
                 let finding = &outcome.found.finding;
+                fit_against_data(ui, finding, outcome.adds());
                 if finding.is_of_laws() && !finding.effects.is_empty() {
                     explained(ui, finding);
                     ui.add_space(4.0);
@@ -89,6 +94,57 @@ enum ForLaw {
     Other,
 }
 
+impl GapState {
+    /// Whether a law can be searched for, or why not.
+    pub fn law_gate(&self) -> Gate {
+        let Some(outcome) = &self.outcome else {
+            return Err("No finding yet: choose sessions and press Find.".into());
+        };
+        if self.running.is_busy() {
+            return Err("The finder is running: wait, or cancel it.".into());
+        }
+        if outcome.found.finding.is_of_laws() || outcome.other.is_some() {
+            return Err("A law was searched for already.".into());
+        }
+        if !law_may_help(&outcome.found.finding) {
+            return Err("Nothing is missing that a law could explain.".into());
+        }
+        sessions_known(outcome)
+    }
+
+    /// Whether the answer of an example can be read, or why not.
+    pub fn reveal_gate(&self) -> Gate {
+        match &self.outcome {
+            Some(o) if o.answer.is_none() => Err("Only an example has an answer.".into()),
+            Some(o) if o.revealed.is_some() => Err("It is revealed already.".into()),
+            Some(_) => Ok(()),
+            None => Err("No finding yet: use the example and press Find.".into()),
+        }
+    }
+
+    /// Reads the answer of the example.
+    pub fn reveal(&mut self, services: &mut Services) {
+        if let Some(outcome) = &mut self.outcome
+            && let Some(answer) = outcome.answer.as_deref()
+            && outcome.revealed.is_none()
+        {
+            outcome.revealing.begin((services.gap.reveal)(answer));
+        }
+    }
+}
+
+/// Whether something is missing that a law may explain.
+fn law_may_help(finding: &Finding) -> bool {
+    finding.verdict == Verdict::Unknown || finding.verdict.has_effects()
+}
+
+fn sessions_known(outcome: &Outcome) -> Gate {
+    match outcome.pair {
+        Some(_) => Ok(()),
+        None => Err("The sessions of this finding are not known.".to_owned()),
+    }
+}
+
 /// The search for a law, where the table does not suffice, and the way between its finding and that of the table.
 fn law(ui: &mut Ui, outcome: &Outcome) -> Option<ForLaw> {
     let finding = &outcome.found.finding;
@@ -110,16 +166,12 @@ fn law(ui: &mut Ui, outcome: &Outcome) -> Option<ForLaw> {
         note(ui, format!("The verdict there: {verdict}."));
         return pressed.then_some(ForLaw::Other);
     }
-    let missing = finding.verdict == Verdict::Unknown || finding.verdict.has_effects();
-    if of_laws || !missing {
+    if of_laws || !law_may_help(finding) {
         return None;
     }
     ui.separator();
     heading(ui, "Not in the table?");
-    let gate = match outcome.pair {
-        Some(_) => Ok(()),
-        None => Err("The sessions of this finding are not known.".to_owned()),
-    };
+    let gate = sessions_known(outcome);
     let hover = "Search the library of terms for a law that explains the disagreement. Takes up to two minutes; the twin keeps running.";
     let pressed = gated(ui, &gate, Button::new("Search for a law"), hover).clicked();
     note(
@@ -127,6 +179,121 @@ fn law(ui: &mut Ui, outcome: &Outcome) -> Option<ForLaw> {
         "A law is an equation made of forces, offsets and what they depend on: it may explain an effect that no table lists.",
     );
     pressed.then_some(ForLaw::Search)
+}
+
+/// A channel's residual over time in two parts: measured = explained + remaining, in units of the noise floor.
+#[derive(Debug, PartialEq)]
+struct Split {
+    /// Row of the traces.
+    row: usize,
+    /// Residual without the effects.
+    measured: Vec<f64>,
+    /// What the effects explain of it.
+    explained: Vec<f64>,
+    /// Residual with the effects.
+    remaining: Vec<f64>,
+}
+
+impl Split {
+    /// Of the channel whose square residual the effects lower most, and where they lower none, of the one with the largest residual.
+    /// `None` without traces.
+    fn of(t: &Traces) -> Option<Self> {
+        let square = |v: &[f64]| -> f64 {
+            let finite = v.iter().filter(|x| x.is_finite());
+            finite.map(|x| x * x).sum()
+        };
+        let pairs = || t.before.iter().zip(&t.after);
+        let gain = |row: &(usize, (&Vec<f64>, &Vec<f64>))| square(row.1.0) - square(row.1.1);
+        let best = pairs()
+            .enumerate()
+            .max_by(|a, b| gain(a).total_cmp(&gain(b)))?;
+        let largest = pairs()
+            .enumerate()
+            .max_by(|a, b| square(a.1.0).total_cmp(&square(b.1.0)))?;
+        let (row, (before, after)) = match gain(&best) > 0.0 {
+            true => best,
+            false => largest,
+        };
+        Some(Self {
+            row,
+            explained: before.iter().zip(after).map(|(b, a)| b - a).collect(),
+            measured: before.clone(),
+            remaining: after.clone(),
+        })
+    }
+
+    /// Whether the effects explain any of it.
+    fn explains(&self) -> bool {
+        self.explained.iter().any(|v| v.abs() > 1e-9)
+    }
+}
+
+/// Root mean square of the values that are finite.
+fn rms(values: &[f64]) -> f64 {
+    let finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    (finite.iter().map(|v| v * v).sum::<f64>() / finite.len().max(1) as f64).sqrt()
+}
+
+/// The fit against the data where the effects matter most: measured, explained and remaining residual over time.
+fn fit_against_data(ui: &mut Ui, finding: &Finding, adds: bool) {
+    let t = &finding.traces;
+    let (Some(split), Some(from), Some(to)) = (Split::of(t), t.t_s.first(), t.t_s.last()) else {
+        return;
+    };
+    let Some(channel) = t.channels.get(split.row) else {
+        return;
+    };
+    let p = *Palette::in_ui(ui);
+    let figure = |values: &[f64]| number(rms(values), 1);
+    let measured = figure(&split.measured);
+    let text = match (split.explains(), adds) {
+        (false, _) => format!(
+            "RMS {measured} × noise floor measured. This finding holds no fitted residual: nothing of it is explained."
+        ),
+        (true, true) => format!(
+            "RMS {measured} × noise floor measured, {} explained by the effects found, {} remaining.",
+            figure(&split.explained),
+            figure(&split.remaining)
+        ),
+        (true, false) => format!(
+            "RMS {measured} × noise floor measured, {} explained by the best attempt of the table, {} remaining. \
+             It is not offered as a patch.",
+            figure(&split.explained),
+            figure(&split.remaining)
+        ),
+    };
+    ui.label("Fit against data");
+    heading(ui, &text);
+    let line = |name, color, dash, values| Line {
+        name,
+        color,
+        dash,
+        values,
+    };
+    let mut lines = vec![line("measured", p.bar, Dash::Solid, split.measured.clone())];
+    if split.explains() {
+        let explained = split.explained.clone();
+        let remaining = split.remaining.clone();
+        lines.push(line("explained", p.series[0], Dash::Solid, explained));
+        lines.push(line("remaining", p.series[1], Dash::Dashed, remaining));
+    }
+    // What the candidates below need at most is theirs; in a low window they are scrolled.
+    let all = ui.available_height();
+    let height = (all - TRIED).max(0.3 * all).clamp(120.0, 700.0);
+    Chart {
+        title: &format!("Residual of {channel} / noise floor"),
+        unit: "× noise floor",
+        t_s: &t.t_s,
+        lines,
+        range_s: [*from, *to],
+        mark_s: None,
+        begins_s: finding.onset.map(|o| o.ci95),
+        band: Some(1.0),
+        min_span: 4.0,
+        legend: true,
+    }
+    .show(ui, height);
+    ui.add_space(4.0);
 }
 
 /// The residual over the part of it that the law explains.
@@ -212,6 +379,9 @@ pub fn parameters(ui: &mut Ui, effect: &FoundEffect) {
         ui.label(RichText::new(effect_name(&effect.id, effect.target)).strong());
         badge(ui, &effect.side, p.raised, p.text).on_hover_text("Where the effect sits");
     });
+    if let Some(text) = plainly(effect) {
+        ui.label(text);
+    }
     if let Some(equation) = equation(&effect.id) {
         ui.label(RichText::new(equation).monospace());
         if let Some(share) = effect.chosen_by {
@@ -249,7 +419,7 @@ fn notes(ui: &mut Ui, finding: &Finding) {
     heading(
         ui,
         match finding.verdict {
-            Verdict::Unknown => "Evidence and its limits",
+            Verdict::Unknown => "What was observed",
             _ => "What limits this verdict",
         },
     );
@@ -319,12 +489,14 @@ fn revealed(ui: &mut Ui, key: &Key, finding: &Finding) {
     ui.label(if finding.is_of_laws() {
         "A law has no name: compare what it depends on, and its size."
     } else if named_it(key, finding) {
-        "● The finder named it."
+        "● The finder found it."
     } else {
-        "▲ The finder named another effect."
+        "▲ The finder found another effect."
     });
 }
 
+/// Height of the candidates, points.
+const TRIED: f32 = 560.0;
 /// Candidates that are drawn.
 const DRAWN: usize = 14;
 
@@ -430,4 +602,47 @@ fn bar(
         font,
         p.text,
     );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn traces(before: [[f64; 3]; 2], after: [[f64; 3]; 2]) -> Traces {
+        Traces {
+            t_s: vec![0.0, 0.1, 0.2],
+            channels: vec!["spring 1".into(), "IMU 2 roll".into()],
+            before: before.map(Vec::from).into(),
+            after: after.map(Vec::from).into(),
+            ..Traces::default()
+        }
+    }
+
+    #[test]
+    fn measured_is_explained_plus_remaining_in_the_channel_that_gains_most() {
+        let t = traces(
+            [[9.0, 9.0, -9.0], [4.0, f64::NAN, -5.0]],
+            [[9.0, 9.0, -9.5], [0.5, f64::NAN, 0.3]],
+        );
+        let split = Split::of(&t).expect("has traces");
+        assert_eq!(split.row, 1);
+        assert!(split.explains());
+        for (k, measured) in split.measured.iter().enumerate() {
+            let sum = split.explained[k] + split.remaining[k];
+            let same = (sum - measured).abs() < 1e-12;
+            assert!(same || (measured.is_nan() && sum.is_nan()), "{k}: {sum}");
+        }
+        assert_eq!(split.measured[0], 4.0);
+        assert_eq!(split.remaining[2], 0.3);
+    }
+
+    #[test]
+    fn without_a_fit_the_channel_with_the_largest_residual_is_shown_and_nothing_is_explained() {
+        let rows = [[1.0, 2.0, 1.0], [4.0, -4.0, 4.0]];
+        let split = Split::of(&traces(rows, rows)).expect("has traces");
+        assert_eq!(split.row, 1);
+        assert!(!split.explains());
+        assert_eq!(rms(&split.measured), 4.0);
+        assert_eq!(Split::of(&Traces::default()), None);
+    }
 }

@@ -3,14 +3,16 @@
 use egui::{Button, RichText, ScrollArea, Ui, vec2};
 
 use super::explain::parameters;
-use super::{Decision, GapState, Outcome, Trouble};
+use super::{Decision, GapState, Outcome, Trouble, tried};
 use crate::gap::report::{effect_name, next_step, verdict_name};
 use crate::gap::{Found, FoundEffect, Patch, patch_law};
 use crate::gui::panels::widgets::{Gate, gated, heading, note, pane, status};
 use crate::gui::services::Services;
 use crate::gui::services::gap::PatchedRobot;
 use crate::gui::theme::{Level, Palette};
+use crate::gui::view::View;
 use crate::robot::PatchEffect;
+use crate::twin::Command;
 
 /// Effects of which the session does not identify one, the one that the patch holds first; none where all are named. Of
 /// several such sets the first: the others keep what fits best.
@@ -43,13 +45,19 @@ pub fn chosen(found: &Found, alternative: usize) -> Patch {
 }
 
 /// Effects and terms of laws of a patch, with their channels.
-fn parts(patch: &Patch) -> impl Iterator<Item = (&str, Option<usize>)> {
+pub(super) fn parts(patch: &Patch) -> impl Iterator<Item = (&str, Option<usize>)> {
     let effects = patch.effects.iter().map(|e| (e.id.as_str(), e.target));
     effects.chain(patch.law.iter().map(|l| (l.term.as_str(), l.target)))
 }
 
 /// The step.
-pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+pub fn ui(
+    ui: &mut Ui,
+    state: &mut GapState,
+    live: &View<'_>,
+    services: &mut Services,
+    commands: &mut Vec<Command>,
+) {
     let height = ui.available_height();
     ui.horizontal_top(|ui| {
         let left = ui.available_width() * 0.5;
@@ -62,6 +70,8 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         });
         ui.vertical(|ui| {
             pane(ui, "decision", |ui| {
+                tried::ui(ui, state, live, commands);
+                ui.separator();
                 decide(ui, state, services);
                 ui.separator();
                 accepted(ui, state, services);
@@ -166,6 +176,44 @@ impl GapState {
         gate(outcome, patched)
     }
 
+    /// Whether the patch can be rejected, or why not.
+    pub fn reject_gate(&self) -> Gate {
+        let Some(outcome) = &self.outcome else {
+            return Err("No finding yet: choose sessions and press Find.".into());
+        };
+        match outcome.decision {
+            Decision::Accepted => Err("It was accepted: undo it below.".to_owned()),
+            Decision::Rejected => Err("It is rejected already.".to_owned()),
+            Decision::Open if !outcome.adds() => Err("There is no effect to reject.".to_owned()),
+            Decision::Open => Ok(()),
+        }
+    }
+
+    /// Leaves the model as it is.
+    pub fn reject(&mut self) {
+        if let (Ok(()), Some(outcome)) = (self.reject_gate(), &mut self.outcome) {
+            outcome.decision = Decision::Rejected;
+        }
+    }
+
+    /// Whether the last patch can be reverted, or why not.
+    pub fn undo_gate(&self) -> Gate {
+        match &self.patched {
+            _ if self.patching.is_busy() => Err("The robot file is being written.".to_owned()),
+            Some(patched) if !patched.robot.patches.is_empty() => Ok(()),
+            _ => Err("No patch was accepted.".to_owned()),
+        }
+    }
+
+    /// Reverts the last patch of the robot file.
+    pub fn undo(&mut self, services: &mut Services) {
+        if self.undo_gate().is_ok() {
+            let was = self.outcome.as_ref().map(|o| o.decision);
+            let back = (was == Some(Decision::Accepted)).then_some(Decision::Open);
+            self.patching.begin_for(back, (services.gap.undo)());
+        }
+    }
+
     /// Adds the patch to the robot file.
     pub fn accept(&mut self, services: &mut Services) {
         if let (Ok(()), Some(outcome)) = (self.accept_gate(), &self.outcome) {
@@ -176,32 +224,25 @@ impl GapState {
 }
 
 fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
-    let accept = state.accept_gate();
-    let Some(outcome) = &mut state.outcome else {
+    let (accept, reject) = (state.accept_gate(), state.reject_gate());
+    let Some(outcome) = &state.outcome else {
         return;
     };
+    let decision = outcome.decision;
     ui.label(RichText::new("Your decision").strong());
-    let mut accepts = false;
+    let (mut accepts, mut rejects) = (false, false);
     ui.horizontal(|ui| {
         let button = Button::new(RichText::new("Accept patch").strong()).min_size(vec2(96.0, 32.0));
         let hover =
             "Write a copy of the robot file with the patch at its end; undo removes it again";
         accepts = gated(ui, &accept, button, hover).clicked();
-        let reject = match outcome.decision {
-            Decision::Accepted => Err("It was accepted: undo it below.".to_owned()),
-            Decision::Rejected => Err("It is rejected already.".to_owned()),
-            Decision::Open if !outcome.adds() => Err("There is no effect to reject.".to_owned()),
-            Decision::Open => Ok(()),
-        };
         let button = Button::new("Reject patch").min_size(vec2(96.0, 32.0));
-        if gated(ui, &reject, button, "Leave the model as it is").clicked() {
-            outcome.decision = Decision::Rejected;
-        }
+        rejects = gated(ui, &reject, button, "Leave the model as it is").clicked();
         if state.patching.is_busy() {
             ui.spinner();
         }
     });
-    match outcome.decision {
+    match decision {
         Decision::Accepted => {
             ui.label("● Accepted: the patch is on the robot file below.");
         }
@@ -221,6 +262,8 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     }
     if accepts {
         state.accept(services);
+    } else if rejects {
+        state.reject();
     }
 }
 
@@ -265,26 +308,17 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             ui.label(RichText::new(&a.patch.name).small().color(p.weak));
         });
     }
-    let gate = match state.patching.is_busy() {
-        true => Err("The robot file is being written.".to_owned()),
-        false => Ok(()),
-    };
+    let gate = state.undo_gate();
+    let mut undoes = false;
     ui.horizontal_wrapped(|ui| {
         let button = Button::new("↶ Undo the last patch");
         let hover = "Revert the last patch; the file is then as before, byte for byte";
-        if gated(ui, &gate, button, hover).clicked() {
-            let was = state.outcome.as_ref().map(|o| o.decision);
-            let back = (was == Some(Decision::Accepted)).then_some(Decision::Open);
-            state.patching.begin_for(back, (services.gap.undo)());
-        }
+        undoes = gated(ui, &gate, button, hover).clicked();
         note(ui, "Patches stack: the last one is reverted first.");
     });
     ui.add_space(6.0);
     let command = format!("springtwin --robot \"{}\"", patched.path.display());
-    heading(
-        ui,
-        "The running twin keeps its model. The patch acts from the next start with",
-    );
+    heading(ui, "The robot file acts from the next start with");
     ui.horizontal_wrapped(|ui| {
         ui.label(RichText::new(&command).monospace());
         if ui
@@ -296,4 +330,7 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
             ui.ctx().copy_text(command.clone());
         }
     });
+    if undoes {
+        state.undo(services);
+    }
 }

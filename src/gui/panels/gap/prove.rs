@@ -12,7 +12,7 @@ use crate::gap::{ChannelError, Finding, GapSize};
 use crate::gui::panels::plot::Dash;
 use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{
-    badge, cell, cell_left, gated, heading, note, number, pane, status,
+    Gate, badge, cell, cell_left, gated, heading, note, number, pane, status,
 };
 use crate::gui::services::{Content, Dialog, DialogKind, Job, Services};
 use crate::gui::theme::{Level, Palette};
@@ -255,7 +255,45 @@ fn group(ui: &mut Ui, c: &ChannelError, worse: bool, name: f32, widths: [f32; 7]
     });
 }
 
+impl GapState {
+    /// Whether a report of the finding can be written, or why not.
+    pub fn report_gate(&self) -> Gate {
+        let Some(outcome) = &self.outcome else {
+            return Err("No finding yet: choose sessions and press Find.".into());
+        };
+        let busy = outcome.keeping.is_busy() || self.opening.is_busy() || self.saving.is_busy();
+        match busy {
+            true => Err("The report is being written.".to_owned()),
+            false => Ok(()),
+        }
+    }
+
+    /// Asks where the report shall be written.
+    pub fn ask_for_report(&mut self, services: &Services) {
+        self.saving.ask(&services.exports.join(REPORT));
+    }
+
+    /// Writes the report and shows it in the browser.
+    pub fn open_report(&mut self, services: &mut Services) {
+        self.keep(Show::Page, services);
+    }
+
+    /// Writes the report and shows a part of it.
+    fn keep(&mut self, show: Show, services: &mut Services) {
+        let Some(outcome) = &mut self.outcome else {
+            return;
+        };
+        let job = match &outcome.kept {
+            Some((of, folder)) if *of == outcome.alternative => Job::ready(Ok(folder.clone())),
+            _ => (services.gap.keep)(&outcome.found, &outcome.patch(), outcome.origin),
+        };
+        outcome.keeping.begin_for((show, outcome.alternative), job);
+        (self.said, self.saving.said) = (None, None);
+    }
+}
+
 fn reports(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+    let idle = state.report_gate();
     let Some(outcome) = &mut state.outcome else {
         return;
     };
@@ -274,37 +312,28 @@ fn reports(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         }
         return;
     }
-    let busy = outcome.keeping.is_busy() || state.opening.is_busy() || state.saving.is_busy();
-    let idle = match busy {
-        true => Err("The report is being written.".to_owned()),
-        false => Ok(()),
-    };
+    let mut keep = None;
+    let busy = outcome.keeping.is_busy() || state.opening.is_busy();
     ui.horizontal_wrapped(|ui| {
-        let mut keep = None;
         let hover = "Write the report and show it in the browser";
         if gated(ui, &idle, Button::new("Open report"), hover).clicked() {
             keep = Some(Show::Page);
         }
         let hover = "Write the report where you like: one page that needs nothing else";
         if gated(ui, &idle, Button::new("Save report…"), hover).clicked() {
-            state.saving.ask(&services.exports.join(REPORT));
+            state.ask_for_report(services);
         }
         let hover = "The measured path of the tip beside the simulated ones, in the Rerun viewer";
         if gated(ui, &idle, Button::new("Open in Rerun"), hover).clicked() {
             keep = Some(Show::Overlay);
         }
-        if let Some(show) = keep {
-            let job = match &outcome.kept {
-                Some((of, folder)) if *of == outcome.alternative => Job::ready(Ok(folder.clone())),
-                _ => (services.gap.keep)(&outcome.found, &outcome.patch(), outcome.origin),
-            };
-            outcome.keeping.begin_for((show, outcome.alternative), job);
-            (state.said, state.saving.said) = (None, None);
-        }
-        if outcome.keeping.is_busy() || state.opening.is_busy() {
+        if busy {
             ui.spinner();
         }
     });
+    if let Some(show) = keep {
+        state.keep(show, services);
+    }
     ui.horizontal(|ui| state.saving.show(ui));
     if let Some(said) = &state.said {
         note(ui, said.as_str());

@@ -22,15 +22,19 @@ use selection::{Slot, trouble_with};
 
 /// What a session is chosen for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Part {
+pub enum Part {
+    /// The rig in order.
     Healthy,
+    /// What may contain an effect.
     Suspect,
 }
 
 impl Part {
-    const ALL: [Self; 2] = [Self::Healthy, Self::Suspect];
+    /// All there are.
+    pub const ALL: [Self; 2] = [Self::Healthy, Self::Suspect];
 
-    fn name(self) -> &'static str {
+    /// Name on screen.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Healthy => "healthy",
             Self::Suspect => "suspect",
@@ -44,6 +48,19 @@ impl Part {
         }
     }
 
+    /// The dialog that asks for its session.
+    fn dialog(self) -> Dialog {
+        Dialog {
+            title: self.title().to_owned(),
+            kind: DialogKind::Open,
+            filter: Some((
+                "sessions".to_owned(),
+                ["rrd", "toml", "csv"].map(str::to_owned).to_vec(),
+            )),
+            name: String::new(),
+        }
+    }
+
     fn words(self) -> &'static str {
         match self {
             Self::Healthy => {
@@ -52,6 +69,19 @@ impl Part {
             }
             Self::Suspect => "Recorded now, of the same rig. It may contain an effect.",
         }
+    }
+}
+
+impl GapState {
+    /// Asks for a session in a file dialog, unless one is open.
+    pub fn browse_for(&mut self, part: Part, services: &mut Services) {
+        let slot = &mut self.select.slots[part as usize];
+        slot.path.browse(part.dialog(), services);
+    }
+
+    /// Chooses no session.
+    pub fn clear(&mut self, part: Part) {
+        self.select.slots[part as usize] = Slot::default();
     }
 }
 
@@ -70,9 +100,13 @@ pub fn ui(
         state.select.kept.begin((services.gap.baseline)());
     }
     let free = !state.running.is_busy();
-    let height = (0.44 * ui.available_height()).clamp(180.0, 244.0);
+    // What is known of a session needs more than the field of its path.
+    let known = state.select.slots.iter().any(|s| s.sheet.is_some());
+    let share = if known { 0.44 } else { 0.30 };
+    let height = (share * ui.available_height()).clamp(150.0, 244.0);
     ui.horizontal_top(|ui| {
-        let width = (ui.available_width() - 8.0) / 2.0;
+        // A card's stroke lies outside of what it is given.
+        let width = (ui.available_width() - 8.0) / 2.0 - 3.0;
         for part in Part::ALL {
             ui.allocate_ui(vec2(width, height), |ui| {
                 pane(ui, part.name(), |ui| {
@@ -112,17 +146,9 @@ fn slot(ui: &mut Ui, part: Part, selection: &mut Selection, services: &mut Servi
             hint: "session folder, session.toml, .csv or .rrd",
             hover: "Path of a session log or a recording; Enter reads it",
             browse: &browse,
-            right: 34.0,
+            right: 40.0,
         };
-        let dialog = || Dialog {
-            title: part.title().to_owned(),
-            kind: DialogKind::Open,
-            filter: Some((
-                "sessions".to_owned(),
-                ["rrd", "toml", "csv"].map(str::to_owned).to_vec(),
-            )),
-            name: String::new(),
-        };
+        let dialog = || part.dialog();
         let before = slot.path.text.clone();
         let chosen = slot.path.ui(ui, &ask, dialog, services);
         if slot.path.text != before {

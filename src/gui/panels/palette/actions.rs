@@ -3,9 +3,10 @@
 
 use crate::gui::panels::connect::{self, Connection, VIRTUAL};
 use crate::gui::panels::operating::hold_gate;
-use crate::gui::panels::shell::ShellAction;
+use crate::gui::panels::plot::SPANS;
+use crate::gui::panels::shell::{ShellAction, Vent};
 use crate::gui::panels::target::gripper_gate;
-use crate::gui::screen::{Action, Known, Task, check};
+use crate::gui::screen::{Action, Ctx, Known, Task, check};
 use crate::gui::screens::{ScreenId, Screens};
 use crate::gui::view::Gate;
 use crate::signal::{ControllerKind, Gripper, Mode, Simulator};
@@ -22,29 +23,79 @@ pub enum Choice {
 }
 
 /// One entry.
-pub type Entry = Action<Choice>;
+pub struct Entry {
+    /// The screen it acts on, or what it concerns.
+    pub group: &'static str,
+    /// What it does, in words.
+    pub name: String,
+    /// Other words it is found by.
+    pub words: &'static str,
+    /// Its shortcut; may be empty.
+    pub keys: &'static str,
+    /// Whether it is possible now, or why not.
+    pub gate: Gate,
+    /// What it does.
+    pub task: Choice,
+}
 
-/// Everything that can be done, with what stands in the way of what cannot be done now.
-pub fn entries(known: &Known<'_>, connection: &Connection, screens: &Screens) -> Vec<Entry> {
-    let mut all = List::default();
-    window(&mut all, known, connection);
-    twin(&mut all, known);
+impl Entry {
+    fn new(group: &'static str, action: Action<Choice>) -> Self {
+        let Action {
+            name,
+            words,
+            keys,
+            gate,
+            task,
+        } = action;
+        Self {
+            group,
+            name,
+            words,
+            keys,
+            gate,
+            task,
+        }
+    }
+}
+
+/// Everything that can be done, with what stands in the way of what cannot be done now. `typed` may have a number that
+/// an action needs.
+pub fn entries(
+    known: &Known<'_>,
+    connection: &Connection,
+    screens: &Screens,
+    typed: &str,
+) -> Vec<Entry> {
+    let mut found = Vec::new();
+    let mut take = |group, all: List| {
+        found.extend(all.0.into_iter().map(|action| Entry::new(group, action)));
+    };
+    let mut of_window = List::default();
+    window(&mut of_window, known, connection);
+    take("Window", of_window);
+    let mut of_arm = List::default();
+    twin(&mut of_arm, known);
+    payload(&mut of_arm, known, typed);
+    take("Arm", of_arm);
     let of_screens = screens.actions(known).into_iter();
-    all.0.extend(of_screens.map(|action| {
-        action.map(|(id, task)| match task {
+    found.extend(of_screens.map(|action| {
+        // The name of the screen, whatever it does.
+        let group = action.task.0.name();
+        let action = action.map(|(id, task)| match task {
             Task::Twin(command) => Choice::Twin(command),
             task => Choice::Screen(id, task),
-        })
+        });
+        Entry::new(group, action)
     }));
-    all.0
+    found
 }
 
 #[derive(Default)]
-struct List(Vec<Entry>);
+struct List(Vec<Action<Choice>>);
 
 impl List {
     fn add(&mut self, name: impl Into<String>, words: &'static str, gate: Gate, task: Choice) {
-        self.0.push(Entry {
+        self.0.push(Action {
             name: name.into(),
             words,
             keys: "",
@@ -99,6 +150,18 @@ fn window(all: &mut List, known: &Known<'_>, connection: &Connection) {
             Ok(()),
             ShellAction::ShowWelcome,
         ),
+        (
+            "Show the messages",
+            "notices warnings log list",
+            Ok(()),
+            ShellAction::ShowMessages,
+        ),
+        (
+            "Show the alarms",
+            "warnings critical list",
+            Ok(()),
+            ShellAction::ShowAlarms,
+        ),
     ] {
         all.add(name, words, gate, Choice::Window(action));
         if action == ShellAction::ToggleShortcuts {
@@ -116,7 +179,7 @@ fn window(all: &mut List, known: &Known<'_>, connection: &Connection) {
             Choice::Window(ShellAction::Connect(rig)),
         );
     }
-    let words = "connect serial usb hardware arduino port";
+    let words = "connect serial usb hardware arduino port offline";
     let menu = Choice::Window(ShellAction::ChoosePort);
     all.add("Choose a port of the boards…", words, Ok(()), menu);
     let name = match known.window.frozen_end_s {
@@ -125,6 +188,47 @@ fn window(all: &mut List, known: &Known<'_>, connection: &Connection) {
     };
     let freeze = Choice::Window(ShellAction::ToggleFreeze);
     all.add(name, "pause signals time", Ok(()), freeze);
+    for (span_s, text) in SPANS {
+        let task = Task::Behind(Box::new(move |_: &mut Screens, ctx: &mut Ctx<'_>| {
+            ctx.window.span_s = span_s;
+        }));
+        let gate = check(
+            known.window.span_s != span_s,
+            "The plots show this much time already.",
+        );
+        let name = format!("Show {text} in the plots");
+        let words = "time window span zoom seconds minutes";
+        all.add(name, words, gate, Choice::Screen(ScreenId::default(), task));
+    }
+}
+
+/// The mass in the gripper: the number that is typed behind the word, g.
+fn payload(all: &mut List, known: &Known<'_>, typed: &str) {
+    let words = "mass load weight gripper grams g object";
+    let number = typed
+        .split_whitespace()
+        .find_map(|word| {
+            word.trim_end_matches('g')
+                .replace(',', ".")
+                .parse::<f64>()
+                .ok()
+        })
+        .filter(|grams| grams.is_finite());
+    let there = check(!known.twin_gone, "No twin is running.").and(known.live.live());
+    let most_g = known.live.spec.payload_max_kg * 1e3;
+    let Some(grams) = number else {
+        let why = "Type the mass in g behind it, as “payload 35”.".to_owned();
+        let task = Choice::Twin(Command::DeclarePayload(0.0));
+        all.add("Declare the payload", words, there.and(Err(why)), task);
+        return;
+    };
+    let within = match (0.0..=most_g).contains(&grams) {
+        true => Ok(()),
+        false => Err(format!("The gripper carries 0 to {most_g:.0} g.")),
+    };
+    let task = Choice::Twin(Command::DeclarePayload(grams * 1e-3));
+    let name = format!("Declare the payload: {grams} g");
+    all.add(name, words, there.and(within), task);
 }
 
 fn twin(all: &mut List, known: &Known<'_>) {
@@ -145,6 +249,18 @@ fn twin(all: &mut List, known: &Known<'_>) {
     let resume = there.clone().and(known.may_resume.clone()).and(held);
     let task = Choice::Twin(Command::Resume);
     all.add("Resume the plan on hold", "continue go on", resume, task);
+    let rests = check(
+        Vent::is_offered(s),
+        "There is no air to let out of an arm at rest.",
+    );
+    let held = check(
+        !s.link.moves_hardware(),
+        "Hardware sags: keep VENT in the top bar pressed.",
+    );
+    let vent = there.clone().and(rests).and(Vent::gate(live)).and(held);
+    let task = Choice::Twin(Command::Vent);
+    let words = "air out release deflate pressure empty";
+    all.add("Vent the chambers", words, vent, task);
     let simulated = check(
         !s.link.moves_hardware(),
         "Hardware is armed in the Target panel, after its checks.",
@@ -183,7 +299,7 @@ fn twin(all: &mut List, known: &Known<'_>) {
         let gate = there.clone().and(gripper_gate(live)).and(falls);
         all.add(
             name,
-            "hand grip",
+            "hand grip closed",
             gate,
             Choice::Twin(Command::Grip(gripper)),
         );

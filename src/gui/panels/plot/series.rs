@@ -41,3 +41,14 @@ impl Series {
         }
     }
 }
+
+/// A plot of a stack.
+#[derive(Clone, Debug)]
+pub struct Strip {
+    /// Title with unit.
+    pub title: String,
+    /// Lines, first at the back.
+    pub series: Vec<Series>,
+    /// The y axis never shows less than this.
+    pub min_span: f64,
+}

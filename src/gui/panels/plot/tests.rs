@@ -1,3 +1,4 @@
+use super::ticks::{marks, marks_of_decades};
 use super::*;
 
 #[test]
@@ -26,9 +27,9 @@ fn a_drawn_line_is_thinned_anew_only_for_another_window() {
 
 #[test]
 fn marks_are_round_and_few() {
-    let m = marks(-3.1, 7.2, 5.0);
+    let (m, decimals) = marks(-3.1, 7.2, 66.0);
     let values: Vec<_> = m.iter().map(|m| m.value).collect();
-    assert_eq!(values, [0.0, 5.0]);
+    assert_eq!((values, decimals), (vec![0.0, 5.0], 0));
     assert_eq!(marks_of_time([0.0, 30.0], 0.0, 6.0).len(), 7);
     // Round since the recording began, 39 min 50 s into its session.
     let m = marks_of_time([2390.0, 2420.0], 2389.3, 6.0);
@@ -36,7 +37,7 @@ fn marks_are_round_and_few() {
     assert_eq!(since, [5.0, 10.0, 15.0, 20.0, 25.0, 30.0]);
     let off = |m: &egui_plot::GridMark| (m.value - 2389.3) - (m.value - 2389.3).round();
     assert!(m.iter().all(|m| off(m).abs() < 1e-9));
-    assert!(marks(f64::NAN, 1.0, 3.0).is_empty());
+    assert!(marks(f64::NAN, 1.0, 80.0).0.is_empty());
 }
 
 #[test]
@@ -57,4 +58,49 @@ fn clock_counts_minutes() {
     for none in ["", "1:", "a:b", "1:2:3", "inf"] {
         assert_eq!(clock_value(none), None, "{none}");
     }
+}
+
+#[test]
+fn every_height_has_two_numbers_that_stand_apart_and_within() {
+    for height in 26..=200 {
+        for (low, span) in [
+            (0.0, 1.0),
+            (-297.8, 3.1),
+            (-0.04, 0.09),
+            (12.3, 700.0),
+            (-49.9, 99.0),
+            (0.991, 0.02),
+            (-1234.5, 8.888),
+        ] {
+            let high = low + span;
+            let (m, decimals) = marks(low, high, f64::from(height));
+            let at = |m: &egui_plot::GridMark| (m.value - low) / span * f64::from(height);
+            let places: Vec<f64> = m.iter().map(at).collect();
+            let what = format!("{low} to {high} in {height}: {places:?}");
+            assert!(places.len() >= 2, "{what}");
+            assert!(places.windows(2).all(|w| w[1] - w[0] >= 11.99), "{what}");
+            let edges = [places[0], f64::from(height) - places[places.len() - 1]];
+            assert!(edges.iter().all(|e| *e >= 6.49), "{what}");
+            // What is written is the value.
+            for m in &m {
+                let written: f64 = format!("{:.decimals$}", m.value).parse().expect("a number");
+                assert!((written - m.value).abs() < 1e-9 * span.max(1.0), "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn logarithmic_axes_have_powers_of_ten() {
+    let values = |low: f64, high: f64, height| -> Vec<f64> {
+        let marks = marks_of_decades(low, high, height).into_iter();
+        marks
+            .map(|m| (1e3 * 10_f64.powf(m.value)).round())
+            .collect()
+    };
+    assert_eq!(values(-1.5, 1.5, 100.0), [100.0, 1000.0, 10_000.0]);
+    assert_eq!(values(-1.1, 1.1, 60.0), [200.0, 5000.0]);
+    let fine = values(-0.1, 1.1, 300.0);
+    assert_eq!(fine, [1000.0, 2000.0, 5000.0, 10_000.0]);
+    assert!(values(f64::NAN, 1.0, 100.0).is_empty());
 }

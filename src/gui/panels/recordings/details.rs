@@ -5,6 +5,7 @@ use egui::{Button, RichText, ScrollArea, Ui, vec2};
 use super::{Detail, Library, notes};
 use crate::analysis::findings::Findings;
 use crate::analysis::player::Player;
+use crate::analysis::recorded::ChannelFault;
 use crate::gui::panels::operating::mode_words;
 use crate::gui::panels::widgets::{cell, cell_left, dense, minutes, note, number, status, tenths};
 use crate::gui::services::Services;
@@ -42,7 +43,8 @@ pub fn ui(ui: &mut Ui, library: &mut Library, player: &mut Player, services: &mu
         };
         ui.selectable_value(&mut library.detail, Detail::Notes, marks)
             .on_hover_text("The operator's note, and marks on the time line: add, edit, remove");
-        note(ui, player.title());
+        let title = RichText::new(player.title()).color(Palette::in_ui(ui).weak);
+        ui.add(egui::Label::new(title).truncate());
     });
     ScrollArea::vertical()
         .id_salt("details")
@@ -88,6 +90,23 @@ fn events(ui: &mut Ui, library: &mut Library, player: &mut Player) {
 }
 
 fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
+    dense(ui);
+    let about = &player.about;
+    if let Some(begun) = &about.begun {
+        note(ui, format!("Started {begun}"))
+            .on_hover_text("Local date and time, with their offset from UTC");
+    }
+    if !about.note.is_empty() {
+        note(ui, about.note.as_str());
+    }
+    if let Some(path) = &about.path {
+        note(ui, path.display().to_string());
+    }
+    channels(ui, library, player);
+}
+
+/// Channels, rates, gaps and what is missing.
+pub fn channels(ui: &mut Ui, library: &mut Library, player: &Player) {
     let p = *Palette::in_ui(ui);
     dense(ui);
     let about = &player.about;
@@ -101,16 +120,6 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
             number(rate, 1)
         ),
     );
-    if let Some(begun) = &about.begun {
-        note(ui, format!("Started {begun}"))
-            .on_hover_text("Local date and time, with their offset from UTC");
-    }
-    if !about.note.is_empty() {
-        note(ui, about.note.as_str());
-    }
-    if let Some(path) = &about.path {
-        note(ui, path.display().to_string());
-    }
     if let Some(text) = thinned_sentence(player, library.reads_near()) {
         status(ui, Level::Normal, &text);
     }
@@ -128,11 +137,9 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
     for text in &library.findings(player).missing {
         status(ui, Level::Warning, text);
     }
-    for f in &about.faults {
-        let text = format!(
-            "{}: {} of {snapshots} samples missing, {} flagged",
-            f.name, f.missing, f.flagged
-        );
+    for (names, missing, flagged) in alike(&about.faults) {
+        let names = names.join(", ");
+        let text = format!("{names}: {missing} of {snapshots} samples missing, {flagged} flagged");
         status(ui, Level::Warning, &text);
     }
     if about.channels.is_empty() {
@@ -156,6 +163,21 @@ fn contents(ui: &mut Ui, library: &mut Library, player: &Player) {
             cell(ui, columns[2], number(c.rate_hz, 1));
         });
     }
+}
+
+/// Channels with as many samples missing and flagged, in one line: their names, and how many.
+fn alike(faults: &[ChannelFault]) -> Vec<(Vec<&str>, u64, u64)> {
+    let mut all: Vec<(Vec<&str>, u64, u64)> = Vec::new();
+    for f in faults {
+        let same = |(_, missing, flagged): &&mut (Vec<&str>, u64, u64)| {
+            (*missing, *flagged) == (f.missing, f.flagged)
+        };
+        match all.iter_mut().find(same) {
+            Some((names, ..)) => names.push(&f.name),
+            None => all.push((vec![&f.name], f.missing, f.flagged)),
+        }
+    }
+    all
 }
 
 /// What of a long recording is shown; nothing of one that is shown whole.
@@ -185,4 +207,25 @@ pub fn cut_sentence(player: &Player, at_s: f64) -> String {
         "Cut off: plays to its last whole part, at {}.",
         minutes(at_s - player.start_s())
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_with_the_same_faults_share_a_line() {
+        let fault = |name: &str, missing, flagged| ChannelFault {
+            name: name.into(),
+            missing,
+            flagged,
+        };
+        let all = [
+            fault("spring1", 2, 0),
+            fault("imu3", 2, 7),
+            fault("p4", 2, 0),
+        ];
+        let expected = [(vec!["spring1", "p4"], 2, 0), (vec!["imu3"], 2, 7)];
+        assert_eq!(alike(&all), expected);
+    }
 }

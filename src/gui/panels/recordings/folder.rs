@@ -23,6 +23,14 @@ impl Choice {
     }
 }
 
+impl Library {
+    /// Asks for another folder of recordings.
+    pub fn change_folder(&mut self, services: &Services) {
+        self.choice.open = true;
+        self.choice.field.text = services.recordings.path().display().to_string();
+    }
+}
+
 /// The row: the folder, and what can be done about it.
 pub fn ui(ui: &mut Ui, library: &mut Library, services: &mut Services) {
     let folder = services.recordings.path().to_owned();
@@ -40,8 +48,7 @@ pub fn ui(ui: &mut Ui, library: &mut Library, services: &mut Services) {
                 )
                 .clicked()
             {
-                library.choice.open = true;
-                library.choice.field.text = folder.display().to_string();
+                library.change_folder(services);
             }
             copy_path(ui, &folder);
             ui.with_layout(Layout::left_to_right(Align::Center), |ui| {

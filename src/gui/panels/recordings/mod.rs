@@ -1,33 +1,43 @@
-//! The Recordings screen: record, list, play, compare, look inside, open elsewhere.
+//! The Recordings screen: list, play, compare, look inside, rename, open elsewhere.
 
+mod act;
 mod details;
 mod folder;
 mod library;
 mod notes;
 mod pair;
+mod rename;
 mod rolling;
+mod selected;
 mod shown;
+mod sort;
 
 use std::path::{Path, PathBuf};
 
-use egui::{Button, RichText, Ui, vec2};
+use egui::{Ui, vec2};
 
-use super::operating::recording_gate;
-use super::widgets::{gated, minutes, pane};
+use super::gap::Part;
+use super::rec::RecState;
+use super::widgets::pane;
 use crate::analysis::findings::Findings;
 use crate::analysis::player::Player;
 use crate::gui::panels::files::PathField;
 use crate::gui::panels::plot::TimeWindow;
-use crate::gui::services::{Dialog, DialogKind, Pending, RecordingEntry, Services};
+use crate::gui::services::{Dialog, DialogKind, Job, Pending, RecordingEntry, Services};
 use crate::gui::theme::Palette;
 use crate::gui::view::View;
 use crate::twin::Command;
 use pair::Pair;
 
 pub use super::trouble::Trouble;
+pub use act::{Act, act_gate};
+pub use library::size_text;
 pub use notes::{mark_gate, mark_now};
 pub use pair::{Compared, Quantity, Side};
+pub use rename::rename_gate;
 pub use rolling::{in_strip, keep, keep_gate};
+pub use shown::played_title;
+pub use sort::{By, Sort};
 
 /// What a recording is loaded for.
 struct Loading {
@@ -52,8 +62,14 @@ pub enum Detail {
 /// The list of recordings and what is being done with it.
 #[derive(Default)]
 pub struct Library {
-    /// What was found, in order of name.
+    /// What was found, in the order of the list.
     pub entries: Vec<RecordingEntry>,
+    /// The order of the list.
+    pub sort: Sort,
+    /// REC in the top bar: what is typed for a recording.
+    pub rec: RecState,
+    /// What the Gap screen is to use, and as what.
+    pub for_gap: Option<(Part, PathBuf)>,
     /// The selected recording.
     pub selected: Option<PathBuf>,
     /// What went wrong last.
@@ -70,6 +86,16 @@ pub struct Library {
     pub has_new: bool,
     scanned: bool,
     scanning: Pending<Vec<RecordingEntry>>,
+    /// Recordings that have appeared since the list was first shown, until they are selected.
+    fresh: Vec<PathBuf>,
+    /// Whether the folder has been read.
+    listed: bool,
+    /// Heights of the rows of the list, points.
+    heights: Vec<f32>,
+    /// Number of the frame in which the screen was shown last.
+    shown_in: u64,
+    preview: selected::Preview,
+    renaming: rename::Renaming,
     loading: Vec<Pending<Player, Loading>>,
     /// A part of the recording that is played, at its full rate: of which file, from when to when, s.
     near: Pending<Player, (PathBuf, [f64; 2])>,
@@ -99,8 +125,55 @@ impl Library {
 
     /// Begins a recording as soon as it has a file.
     pub fn record(&mut self, services: &mut Services) {
-        let path = (services.new_recording)(services.recordings.path());
+        let path = (services.new_recording)(services.recordings.path(), &self.rec.name);
         self.naming.begin(path);
+    }
+
+    /// Whether a recording begins as soon as it has a file.
+    pub fn is_naming(&self) -> bool {
+        self.naming.is_busy()
+    }
+
+    /// Orders the list.
+    pub fn sort_by(&mut self, sort: Sort) {
+        self.sort = sort;
+        sort.apply(&mut self.entries);
+    }
+
+    /// The selected recording, where it is in the list.
+    pub fn selected_entry(&self) -> Option<&RecordingEntry> {
+        let path = self.selected.as_ref()?;
+        self.entries.iter().find(|e| e.path == *path)
+    }
+
+    /// Selects a recording; one that is new is no longer marked as such.
+    fn select(&mut self, path: &Path) {
+        self.fresh.retain(|p| p != path);
+        self.selected = Some(path.to_owned());
+    }
+
+    /// Takes what was found, and marks what was not there before.
+    fn list(&mut self, mut found: Vec<RecordingEntry>) {
+        self.sort.apply(&mut found);
+        let is_new = |e: &&RecordingEntry| !e.sample && !is_among(&self.entries, &e.path);
+        let new: Vec<PathBuf> = match self.listed {
+            true => found
+                .iter()
+                .filter(is_new)
+                .map(|e| e.path.clone())
+                .collect(),
+            false => Vec::new(),
+        };
+        self.listed = true;
+        self.entries = found;
+        let is_there = |path: &Path| is_among(&self.entries, path);
+        self.fresh.retain(|p| is_there(p));
+        if let Some(first) = new.first()
+            && self.selected.as_deref().is_none_or(|p| !is_there(p))
+        {
+            self.selected = Some(first.clone());
+        }
+        self.fresh.extend(new);
     }
 
     /// Whether a recording is being loaded as `side`.
@@ -165,6 +238,9 @@ impl Library {
             || self.open.is_busy()
             || self.choice.is_busy()
             || self.notes.is_busy()
+            || self.rec.is_busy()
+            || self.preview.is_busy()
+            || self.renaming.is_busy()
             || self.rolling.is_busy()
             || self.pair.busy()
             || self.viewer.busy()
@@ -216,9 +292,13 @@ impl Library {
             side,
             compared,
         };
-        pending.begin_for(of, (services.load)(&path));
+        let job = match self.preview.take(&path) {
+            Some(player) => Job::ready(Ok(player)),
+            None => (services.load)(&path),
+        };
+        pending.begin_for(of, job);
         self.loading.push(pending);
-        self.selected = Some(path);
+        self.select(&path);
     }
 
     /// Takes what has come, whatever screen is shown. Gives a sentence for the operator where a recording has no
@@ -233,14 +313,16 @@ impl Library {
         self.look_closer(player, window, services);
         self.pair.poll();
         self.poll_notes(player, services);
+        self.poll_rename(services);
+        self.preview.poll();
         self.viewer.poll(commands);
         let mut refused = None;
         match self.naming.take() {
             Some(Ok(path)) => {
                 commands.push(Command::StartRecording(path));
-                let words = self.notes.take_words();
-                if !words.is_empty() {
-                    commands.push(Command::Note(words));
+                let note = self.rec.begin();
+                if !note.is_empty() {
+                    commands.push(Command::Note(note));
                 }
             }
             Some(Err(cause)) => refused = Some(format!("Nothing is recorded. {cause}")),
@@ -248,7 +330,7 @@ impl Library {
         }
         if let Some(found) = self.scanning.take() {
             match found {
-                Ok(entries) => self.entries = entries,
+                Ok(entries) => self.list(entries),
                 Err(cause) => {
                     self.trouble = Some(Trouble::new(
                         cause,
@@ -288,6 +370,10 @@ impl Library {
     }
 }
 
+fn is_among(entries: &[RecordingEntry], path: &Path) -> bool {
+    entries.iter().any(|e| e.path == path)
+}
+
 fn recording_dialog() -> Dialog {
     let kinds = ["rrd", "toml", "csv"].map(str::to_owned).to_vec();
     Dialog {
@@ -302,8 +388,6 @@ fn recording_dialog() -> Dialog {
 pub struct RecordingsInput<'a> {
     /// The live twin's view.
     pub live: View<'a>,
-    /// Seconds the running recording has lasted.
-    pub recording_s: Option<f64>,
     /// Whether there is no twin.
     pub twin_gone: bool,
 }
@@ -317,23 +401,30 @@ pub fn ui(
     services: &mut Services,
     commands: &mut Vec<Command>,
 ) {
-    if !library.scanned {
+    let frame = ui.ctx().cumulative_frame_nr();
+    // Other programs record, too: looked for whenever the screen is entered.
+    if !library.scanned || frame > library.shown_in + 1 {
         library.rescan(services);
     }
+    library.shown_in = frame;
     let whole = ui.available_rect_before_wrap();
     ui.horizontal_top(|ui| {
         let height = ui.available_height();
-        let left = (ui.available_width() * 0.46).clamp(420.0, 720.0);
+        // Beside what is played the plots need the width, else the list.
+        let width = ui.available_width();
+        let left = match player {
+            Some(_) => (width * 0.46).clamp(420.0, 720.0),
+            None => (width * 0.54).clamp(480.0, 1240.0),
+        };
         ui.allocate_ui(vec2(left, height), |ui| {
             pane(ui, "library", |ui| {
-                record(ui, input, library, services, commands);
                 rolling::ui(ui, input.live.snapshot, library, services);
                 folder::ui(ui, library, services);
                 let (live, gone) = (&input.live, input.twin_gone);
                 let viewer = &mut library.viewer;
                 super::rerun::live_in_rerun(ui, live, gone, viewer, services, commands);
                 ui.separator();
-                library::ui(ui, library, player.is_some(), services);
+                library::ui(ui, library, player, services);
                 if let Some(player) = player {
                     ui.separator();
                     details::ui(ui, library, player, services);
@@ -370,40 +461,4 @@ fn drop_here(ui: &Ui, rect: egui::Rect) {
         egui::TextStyle::Heading.resolve(ui.style()),
         p.text,
     );
-}
-
-fn record(
-    ui: &mut Ui,
-    input: &RecordingsInput<'_>,
-    library: &mut Library,
-    services: &mut Services,
-    commands: &mut Vec<Command>,
-) {
-    let mut gate = recording_gate(&input.live, input.twin_gone);
-    if library.naming.is_busy() {
-        gate = Err("The recording's file is being made.".into());
-    }
-    let p = *Palette::in_ui(ui);
-    ui.horizontal(|ui| {
-        match &input.live.snapshot.recording {
-            Some(name) => {
-                let button = Button::new("■ End recording").min_size(vec2(0.0, 30.0));
-                if gated(ui, &gate, button, "Close the file").clicked() {
-                    commands.push(Command::StopRecording);
-                }
-                let text = format!("● {}", minutes(input.recording_s.unwrap_or(0.0)));
-                ui.label(RichText::new(text).color(p.critical))
-                    .on_hover_text(format!("{name}\nTime since the recording began, min:s"));
-            }
-            None => {
-                let button = Button::new("● Record").min_size(vec2(0.0, 30.0));
-                let hover =
-                    "Write everything the live twin knows to a file, also while a replay is shown";
-                if gated(ui, &gate, button, hover).clicked() {
-                    library.record(services);
-                }
-            }
-        }
-        notes::words(ui, (&input.live, input.twin_gone), library, commands);
-    });
 }

@@ -1,11 +1,12 @@
-//! The operator's note and the marks: words for them while recording, and what is changed afterwards.
+//! The operator's note and the marks: what is marked while recording, and what is changed afterwards.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use egui::{Button, Key, RichText, Sense, TextEdit, Ui, vec2};
 
 use super::{Library, Trouble};
 use crate::analysis::player::Player;
+use crate::gui::panels::rec::LONGEST;
 use crate::gui::panels::widgets::{Gate, gated, note, number, tenths};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::Palette;
@@ -13,20 +14,14 @@ use crate::gui::view::View;
 use crate::signal::{Annotations, Mark, NoteChange, RollingStatus, Snapshot};
 use crate::twin::Command;
 
-/// Most characters of a note or of the text of a mark.
-const LONGEST: usize = 2000;
 /// Height of the marks on the time line, points.
 const STRIP: f32 = 14.0;
-/// Width of the button that marks a moment, with its margin, points.
-const MARK: f32 = 118.0;
 /// Half the width of a mark, points.
 const HALF: f32 = 5.0;
 
 /// What is being noted.
 #[derive(Default)]
 pub struct Notes {
-    /// Words for the recording under way: its note before it begins, then the text of the next mark.
-    pub words: String,
     /// The note of the recording that is played, as it is being edited.
     text: String,
     /// Text of the mark that is added or edited.
@@ -44,11 +39,6 @@ impl Notes {
         self.changing.is_busy()
     }
 
-    /// Takes the words that were typed.
-    pub fn take_words(&mut self) -> String {
-        std::mem::take(&mut self.words).trim().to_owned()
-    }
-
     // Begins with what the recording has, when another one is played.
     fn follow(&mut self, player: &Player) {
         if self.of != player.about.path {
@@ -60,21 +50,30 @@ impl Notes {
     }
 
     fn change(&mut self, changes: Vec<NoteChange>, services: &mut Services) {
-        if let Some(path) = &self.of {
-            let answer = (services.annotate)(path, changes);
-            self.changing.begin_for(path.clone(), answer);
+        if let Some(path) = self.of.clone() {
+            self.change_of(&path, changes, services);
         }
+    }
+
+    /// Begins with what the recording has when it is played next.
+    pub fn forget(&mut self) {
+        self.of = None;
+    }
+
+    /// Changes note and marks of a recording.
+    pub fn change_of(&mut self, path: &Path, changes: Vec<NoteChange>, services: &mut Services) {
+        let answer = (services.annotate)(path, changes);
+        self.changing.begin_for(path.to_owned(), answer);
     }
 }
 
-/// Marks this moment of what is recorded, with the words that were typed. Of a rolling recording alone they are the note of
-/// the recording that begins next, and stay.
+/// Marks this moment of what is recorded, with the text that was typed.
 pub fn mark_now(library: &mut Library, live: &Snapshot, commands: &mut Vec<Command>) {
-    let words = match live.recording {
-        Some(_) => library.notes.take_words(),
+    let text = match live.recording {
+        Some(_) => library.rec.take_mark(),
         None => String::new(),
     };
-    commands.push(Command::Mark(words));
+    commands.push(Command::Mark(text));
 }
 
 /// Whether this moment can be marked, or why not.
@@ -82,41 +81,7 @@ pub fn mark_gate(live: &View<'_>, twin_gone: bool) -> Gate {
     let rolls = matches!(live.snapshot.rolling, RollingStatus::Records(_));
     match (live.snapshot.recording.is_some() || rolls) && !twin_gone {
         true => Ok(()),
-        false => Err("Nothing is recorded: press Record first.".into()),
-    }
-}
-
-/// Beside *Record*: words, and a button that marks this moment.
-pub fn words(
-    ui: &mut Ui,
-    (live, twin_gone): (&View<'_>, bool),
-    library: &mut Library,
-    commands: &mut Vec<Command>,
-) {
-    let gate = mark_gate(live, twin_gone);
-    let (hint, hover) = match live.snapshot.recording {
-        Some(_) => (
-            "text of the mark",
-            "Text of the next mark; Enter marks this moment",
-        ),
-        None => (
-            "note on the recording",
-            "The operator's note on the recording that begins next",
-        ),
-    };
-    let field = TextEdit::singleline(&mut library.notes.words)
-        .char_limit(LONGEST)
-        .desired_width((ui.available_width() - MARK).max(80.0))
-        .hint_text(hint);
-    let field = ui
-        .add(field)
-        .accessible_name("Note or text of the mark")
-        .on_hover_text(hover);
-    let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
-    let hover = "Mark this moment in the recording (M)";
-    let pressed = gated(ui, &gate, Button::new("Mark moment"), hover).clicked();
-    if pressed || (entered && live.snapshot.recording.is_some()) {
-        mark_now(library, live.snapshot, commands);
+        false => Err("Nothing is recorded: press ● REC first.".into()),
     }
 }
 
@@ -128,7 +93,8 @@ impl Library {
         };
         match answer {
             Ok(now) => {
-                let mut all = player.iter_mut().chain(self.pair.other.as_mut());
+                let others = self.pair.other.iter_mut().chain(self.preview.player_mut());
+                let mut all = player.iter_mut().chain(others);
                 if let Some(player) = all.find(|p| p.about.path.as_ref() == Some(&path)) {
                     player.about.annotate(now);
                 }
@@ -146,19 +112,22 @@ impl Library {
     }
 }
 
+/// Whether note and marks of a recording can be changed now, or why not.
+pub fn change_gate(notes: &Notes, path: Option<&Path>) -> Gate {
+    let ending = path.and_then(Path::extension);
+    let is_recording = ending.is_some_and(|e| e.eq_ignore_ascii_case("rrd"));
+    match (notes.is_busy(), is_recording) {
+        (true, _) => Err("A change is being written.".into()),
+        (_, false) => Err("Only recordings (.rrd) have notes and marks.".into()),
+        (false, true) => Ok(()),
+    }
+}
+
 /// Note and marks of the recording that is played.
 pub fn ui(ui: &mut Ui, library: &mut Library, player: &mut Player, services: &mut Services) {
     let notes = &mut library.notes;
     notes.follow(player);
-    let is_recording = |path: &PathBuf| {
-        path.extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("rrd"))
-    };
-    let gate: Gate = match &player.about.path {
-        _ if notes.is_busy() => Err("A change is being written.".into()),
-        Some(path) if is_recording(path) => Ok(()),
-        _ => Err("Only recordings (.rrd) have notes and marks.".into()),
-    };
+    let gate = change_gate(notes, player.about.path.as_deref());
     let mut changes = Vec::new();
     ui.horizontal(|ui| {
         let width = (ui.available_width() - 100.0).max(80.0);

@@ -65,18 +65,18 @@ pub fn keep_gate(snapshot: &Snapshot) -> Gate {
     }
 }
 
-/// Makes a recording of the last minutes, with the words that were typed as its note. The arm goes on.
+/// Makes a recording of the last minutes, with the note that was typed for a recording. The arm goes on.
 pub fn keep(library: &mut Library, live: &Snapshot, services: &mut Services) {
     if let Some(first) = live.rolling.first()
         && !library.rolling.keeping.is_busy()
     {
         let folder = services.recordings.path().to_owned();
-        // While a recording runs the words are those of its next mark.
-        let words = match live.recording {
+        // While a recording runs the note is that one's.
+        let note = match live.recording {
             Some(_) => String::new(),
-            None => library.notes.take_words(),
+            None => library.rec.take_note(),
         };
-        let answer = (services.keep)(first, &folder, KEPT_S, words);
+        let answer = (services.keep)(first, &folder, KEPT_S, note);
         library.rolling.keeping.begin(answer);
     }
 }
@@ -116,7 +116,7 @@ pub fn ui(ui: &mut Ui, live: &Snapshot, library: &mut Library, services: &mut Se
             }
             let text = format!("Keep the last {:.0} min", KEPT_S / 60.0);
             let hover =
-                "Make a recording of them, with the text above as its note; the arm goes on (L)";
+                "Make a recording of them, with the note typed behind ● REC; the arm goes on (B)";
             keeps = gated(ui, &gate, Button::new(text), hover).clicked();
             limit = limit_gb(ui, &mut library.rolling);
             ui.with_layout(Layout::left_to_right(Align::Center), |ui| {

@@ -3,11 +3,11 @@
 use egui::{Align, Button, DragValue, Layout, RichText, Slider, Ui, vec2};
 
 use super::details::{cut_sentence, thinned_sentence};
-use super::{Compared, Library, Quantity, RecordingsInput, Side, notes};
+use super::{Compared, Library, Quantity, RecordingsInput, Side, notes, selected};
 use crate::analysis::history::{Channel, History};
-use crate::analysis::player::{AtEnd, Player};
+use crate::analysis::player::{AtEnd, Player, SPEEDS, Transport};
 use crate::gui::panels::plot::{Drawn, Extras, Legend, Series, TimePlot, TimeWindow, stack};
-use crate::gui::panels::widgets::{Gate, empty, gated, minutes, note, number, status};
+use crate::gui::panels::widgets::{Gate, gated, minutes, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::theme::Level;
 use crate::gui::view::View;
@@ -24,9 +24,14 @@ pub fn ui(
     services: &mut Services,
 ) {
     if player.is_none() {
-        nothing_played(ui, library, player);
+        if library.pair.other.is_some() {
+            still_loaded(ui, library, player);
+            ui.separator();
+        }
+        selected::ui(ui, input, library, services);
         return;
     }
+    library.preview.clear();
     title(ui, library, player);
     let Some(p) = player else {
         return;
@@ -42,40 +47,32 @@ pub fn ui(
         return;
     };
     match library.pair.compared {
-        Compared::One => whole(ui, input, library, p),
+        Compared::One => plots(ui, input, library.pair.quantity, p, Some(p.now_s())),
         Compared::Both | Compared::Difference => both(ui, input, library, p),
     }
 }
 
-fn nothing_played(ui: &mut Ui, library: &mut Library, player: &mut Option<Player>) {
-    if let Some(other) = &library.pair.other {
-        let side = library.pair.played.other();
-        let text = format!("Play {}", side.name());
-        let name = other.title();
-        ui.horizontal(|ui| {
-            if ui
-                .button(text)
-                .on_hover_text("All screens then show it")
-                .clicked()
-            {
-                *player = library.pair.other.take();
-                library.pair.played = side;
-                library.pair.compared = Compared::One;
-                library.pair.forget_alignment();
-            }
-            note(ui, format!("{} is still loaded: {name}", side.name()));
-        });
+// Closing one of two leaves the other at hand.
+fn still_loaded(ui: &mut Ui, library: &mut Library, player: &mut Option<Player>) {
+    let Some(other) = &library.pair.other else {
         return;
-    }
-    empty(
-        ui,
-        "Nothing is played",
-        if library.entries.is_empty() {
-            "Record something, then play it here; or drop a recording on this window."
-        } else {
-            "Select a recording and press Load and play. All screens then show it."
-        },
-    );
+    };
+    let side = library.pair.played.other();
+    let text = format!("Play {}", side.name());
+    let name = other.title();
+    ui.horizontal(|ui| {
+        if ui
+            .button(text)
+            .on_hover_text("All screens then show it")
+            .clicked()
+        {
+            *player = library.pair.other.take();
+            library.pair.played = side;
+            library.pair.compared = Compared::One;
+            library.pair.forget_alignment();
+        }
+        note(ui, format!("{} is still loaded: {name}", side.name()));
+    });
 }
 
 fn title(ui: &mut Ui, library: &mut Library, player: &mut Option<Player>) {
@@ -128,42 +125,17 @@ fn title(ui: &mut Ui, library: &mut Library, player: &mut Option<Player>) {
     }
 }
 
+/// Height of the player's buttons, points.
+const HIGH: f32 = 28.0;
+/// Width of the position and the length beside the time line, points.
+const CLOCK: f32 = 112.0;
+
 fn controls(ui: &mut Ui, p: &mut Player) {
     let duration = p.duration_s();
     ui.horizontal(|ui| {
-        let (text, hover) = if p.playing {
-            ("▮▮ Pause", "Pause (P)")
-        } else {
-            ("▶ Play", "Play (P)")
-        };
-        let button = Button::new(text).min_size(vec2(84.0, 28.0));
-        if ui
-            .add(button)
-            .accessible_name("Play or pause")
-            .on_hover_text(hover)
-            .clicked()
-        {
-            p.toggle();
-        }
-        if ui
-            .add(Button::new("⇤").min_size(vec2(32.0, 28.0)))
-            .accessible_name("Back to the start")
-            .on_hover_text("Back to the start")
-            .clicked()
-        {
-            p.position_s = 0.0;
-        }
-        egui::ComboBox::from_id_salt("speed")
-            .selected_text(format!("{}×", p.speed))
-            .width(64.0)
-            .show_ui(ui, |ui| {
-                for s in [0.25, 0.5, 1.0, 2.0, 5.0, 10.0] {
-                    ui.selectable_value(&mut p.speed, s, format!("{s}×"));
-                }
-            })
-            .response
-            .accessible_name("Speed")
-            .on_hover_text("Seconds of recording per second");
+        ui.spacing_mut().item_spacing.x = 3.0;
+        transport(ui, p);
+        speeds(ui, p);
         let mut looped = p.at_end == AtEnd::Loop;
         if ui
             .checkbox(&mut looped, "Loop")
@@ -172,15 +144,11 @@ fn controls(ui: &mut Ui, p: &mut Player) {
         {
             p.at_end = if looped { AtEnd::Loop } else { AtEnd::Stop };
         }
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            note(
-                ui,
-                format!("{} of {}", minutes(p.position_s), minutes(duration)),
-            );
-        });
     });
-    ui.scope(|ui| {
-        ui.spacing_mut().slider_width = ui.available_width();
+    let line = (ui.available_width() - CLOCK).max(80.0);
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        ui.spacing_mut().slider_width = line;
         ui.add(
             Slider::new(&mut p.position_s, 0.0..=duration.max(1e-3))
                 .show_value(false)
@@ -188,8 +156,123 @@ fn controls(ui: &mut Ui, p: &mut Player) {
         )
         .accessible_name("Position in the recording, s")
         .on_hover_text("Position in the recording, s");
+        let text = format!("{} of {}", hundredths(p.position_s), minutes(duration));
+        ui.add(egui::Label::new(RichText::new(text).small()).truncate())
+            .on_hover_text("Position and length of the recording, min:s");
     });
-    notes::strip(ui, p);
+    // The marks lie below the line, as wide as it.
+    ui.scope(|ui| {
+        ui.set_max_width(line);
+        notes::strip(ui, p);
+    });
+}
+
+/// What moves the playhead: from the start to the end, as in video editors.
+fn transport(ui: &mut Ui, p: &mut Player) {
+    use Transport::{Backwards, End, Forwards, Next, Previous, Start, Toggle};
+    let (play, hover) = match p.playing {
+        true => ("▮▮ Pause", "Pause (P, K)"),
+        false => ("▶ Play", "Play (P)"),
+    };
+    let small = 28.0;
+    for (text, name, hover, width, by) in [
+        (
+            "⇤",
+            "Back to the start",
+            "Back to the start (Home)",
+            small,
+            Start,
+        ),
+        (
+            "<",
+            "Step back",
+            "Pause at the previous sample (,)",
+            22.0,
+            Previous,
+        ),
+        (
+            "◀◀",
+            "Play backwards",
+            "Play backwards (J); again: twice as fast",
+            36.0,
+            Backwards,
+        ),
+        (play, "Play or pause", hover, 78.0, Toggle),
+        (
+            "▶▶",
+            "Play forwards",
+            "Play forwards (L); again: twice as fast",
+            36.0,
+            Forwards,
+        ),
+        (
+            ">",
+            "Step forward",
+            "Pause at the next sample (.)",
+            22.0,
+            Next,
+        ),
+        ("⇥", "To the end", "To the end (End)", small, End),
+    ] {
+        let on = p.playing
+            && match by {
+                Backwards => p.speed < 0.0,
+                Forwards => p.speed > 1.0,
+                _ => false,
+            };
+        let button = Button::selectable(on, text)
+            .frame_when_inactive(true)
+            .min_size(vec2(width, HIGH));
+        if ui
+            .add(button)
+            .accessible_name(name)
+            .on_hover_text(hover)
+            .clicked()
+        {
+            p.drive(by);
+        }
+    }
+}
+
+/// A speed with its direction: `◀◀ 2×`.
+fn rate(speed: f64) -> String {
+    let arrows = match (speed < 0.0, speed.abs() > 1.0) {
+        (true, true) => "◀◀ ",
+        (true, false) => "◀ ",
+        (false, true) => "▶▶ ",
+        (false, false) => "",
+    };
+    format!("{arrows}{}×", speed.abs())
+}
+
+/// The title of what is played, with the speed unless it is that of real time.
+pub fn played_title(p: &Player) -> String {
+    match p.playing && p.speed != 1.0 {
+        true => format!("{}, {}", p.title(), rate(p.speed)),
+        false => p.title(),
+    }
+}
+
+fn speeds(ui: &mut Ui, p: &mut Player) {
+    let mut speed = p.speed.abs();
+    egui::ComboBox::from_id_salt("speed")
+        .selected_text(rate(p.speed))
+        .width(76.0)
+        .show_ui(ui, |ui| {
+            for s in SPEEDS {
+                ui.selectable_value(&mut speed, s, format!("{s}×"));
+            }
+        })
+        .response
+        .accessible_name("Speed")
+        .on_hover_text("Seconds of recording per second, in the direction of play");
+    p.speed = speed.copysign(p.speed);
+}
+
+/// A time as m:ss with hundredths: samples are 10 ms apart.
+fn hundredths(t_s: f64) -> String {
+    let n = (t_s * 100.0).round() as u64;
+    format!("{}:{:02}.{:02}", n / 6_000, n / 100 % 60, n % 100)
 }
 
 // Which recording, or both.
@@ -205,7 +288,7 @@ fn sides(ui: &mut Ui, library: &mut Library, player: &Player, swap: &mut bool) {
                 if side == Side::A {
                     "Load and play"
                 } else {
-                    "Load as B"
+                    "Compare as B"
                 }
             )),
         }
@@ -322,8 +405,14 @@ fn alignment(ui: &mut Ui, library: &mut Library, player: &Option<Player>, servic
     }
 }
 
-// The whole recording, with the position as a line.
-fn whole(ui: &mut Ui, input: &RecordingsInput<'_>, library: &Library, p: &Player) {
+/// The whole recording, with a position as a line.
+pub fn plots(
+    ui: &mut Ui,
+    input: &RecordingsInput<'_>,
+    quantity: Quantity,
+    p: &Player,
+    playhead_s: Option<f64>,
+) {
     let duration = p.duration_s();
     let view = View {
         snapshot: p.snapshot(),
@@ -338,9 +427,9 @@ fn whole(ui: &mut Ui, input: &RecordingsInput<'_>, library: &Library, p: &Player
         span_s: duration.max(1.0),
         ..TimeWindow::default()
     };
-    let rows = library.pair.quantity.rows();
+    let rows = quantity.rows();
     ui.spacing_mut().item_spacing.y = 3.0;
-    stack(ui, rows.len(), LEAST, |ui, i, height, time_axis| {
+    stack(ui, rows.len(), LEAST, |ui, i, height, place| {
         let (title, signals, min_span) = &rows[i];
         let mut series: Vec<Series> = Vec::new();
         for (channel, name) in signals {
@@ -366,9 +455,9 @@ fn whole(ui: &mut Ui, input: &RecordingsInput<'_>, library: &Library, p: &Player
             series: &series,
             min_span: *min_span,
             emphasis: &[],
-            time_axis,
+            place,
             legend: legend(i, signals.len()),
-            playhead_s: Some(p.now_s()),
+            playhead_s,
         }
         .show(ui, &view, &mut window, height);
     });
@@ -411,7 +500,7 @@ fn both(ui: &mut Ui, input: &RecordingsInput<'_>, library: &mut Library, p: &Pla
     };
     let plots = pair.plots(p);
     ui.spacing_mut().item_spacing.y = 3.0;
-    stack(ui, plots.len(), LEAST, |ui, i, height, time_axis| {
+    stack(ui, plots.len(), LEAST, |ui, i, height, place| {
         let plot = &plots[i];
         let lines: &[Drawn] = &plot.lines;
         TimePlot {
@@ -419,7 +508,7 @@ fn both(ui: &mut Ui, input: &RecordingsInput<'_>, library: &mut Library, p: &Pla
             series: &[],
             min_span: plot.min_span,
             emphasis: &[],
-            time_axis,
+            place,
             legend: legend(i, lines.iter().filter(|d| !d.name.is_empty()).count() / 2),
             playhead_s: Some(start_s + position_s),
         }

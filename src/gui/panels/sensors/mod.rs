@@ -4,16 +4,15 @@ mod plots;
 mod side;
 mod state;
 
-pub use plots::toggle as toggle_cursors;
-pub use state::{Reading, SensorsState};
+pub use state::{Reading, SensorsState, axes};
 use state::{channel_age_s, spring_channel};
 
 use egui::{RichText, Sense, Stroke, TextStyle, Ui, vec2};
 
-use super::plot::{TimeWindow, sparkline};
+use super::plot::{TimeWindow, sparkline, sparkline_of};
 use super::widgets::{
-    Meter, NIS_WIDTH, age, card, cell, empty, fault_probability, heading, health, meter, nis_meter,
-    number, pane, spring_sentence,
+    Meter, NIS_WIDTH, age, card, cell, empty, fault_probability, heading, health, meter_of,
+    nis_level, nis_meter, nis_words, number, pane, spring_sentence,
 };
 use crate::analysis::history::{Channel, spring_khz, spring_residual_mm};
 use crate::gui::theme::{Level, Palette};
@@ -37,18 +36,27 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
         empty(ui, "No sensors yet", next);
         return;
     };
-    let side = (ui.available_width() * 0.34).clamp(SIDE[0], SIDE[1]);
-    let grid = ui.available_width() - side - 10.0;
-    let form = Form::within(grid);
+    let space = ui.available_size();
+    let large = space.x >= LARGE[0] && space.y >= LARGE[1];
+    let most = if large { SIDE_LARGE } else { SIDE[1] };
+    let side = (space.x * 0.34).clamp(SIDE[0], most);
+    let grid = space.x - side - 10.0;
+    let form = match large {
+        true => Form::Large,
+        false => Form::within(grid),
+    };
     notice(ui, view, frame, form.notices());
-    let cards = form.height();
+    let cards = form.height(space.y);
     ui.horizontal_top(|ui| {
         view.grey_if_stale(ui);
         ui.allocate_ui(vec2(grid, cards), |ui| {
             ui.vertical(|ui| springs(ui, view, frame, state, form, [grid, cards]));
         });
         ui.allocate_ui(vec2(ui.available_width(), cards), |ui| {
-            pane(ui, "side", |ui| side::ui(ui, view, frame, state.reading));
+            pane(ui, "side", |ui| {
+                magnify(ui, form.scale());
+                side::ui(ui, view, frame, state.reading, form.scale());
+            });
         });
     });
     ui.add_space(4.0);
@@ -148,6 +156,11 @@ fn notice(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, lines: usize) {
 /// Width of the card beside the springs, points.
 const SIDE: [f32; 2] = [412.0, 500.0];
 
+/// The same in a large window, points.
+const SIDE_LARGE: f32 = 600.0;
+/// From this width and height of the screen on, figures are larger and stand beside their words, points.
+const LARGE: [f32; 2] = [1800.0, 900.0];
+
 /// How the X pairs lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
@@ -155,12 +168,14 @@ enum Form {
     Wide,
     /// Two beside each other, without sparklines.
     Narrow,
+    /// Three beside each other in large type, with residual and NIS in words.
+    Large,
 }
 
 /// Between two cards, points.
 const GAP: f32 = 8.0;
 /// Width of a row of a pair's card with everything in it, points.
-const ROW: f32 = 196.0;
+const ROW: f32 = 200.0;
 
 impl Form {
     fn within(width: f32) -> Self {
@@ -172,7 +187,7 @@ impl Form {
 
     fn columns(self) -> usize {
         match self {
-            Self::Wide => 3,
+            Self::Wide | Self::Large => 3,
             Self::Narrow => 2,
         }
     }
@@ -180,16 +195,34 @@ impl Form {
     /// Lines of notices above the cards, at most two.
     fn notices(self) -> usize {
         match self {
-            Self::Wide => 2,
+            Self::Wide | Self::Large => 2,
             Self::Narrow => 1,
         }
     }
 
-    /// Height of all cards, points.
-    fn height(self) -> f32 {
+    /// Height of all cards in a screen of this height, points.
+    fn height(self, screen: f32) -> f32 {
         match self {
             Self::Wide => 238.0,
             Self::Narrow => 318.0,
+            Self::Large => (0.36 * screen).clamp(400.0, 520.0),
+        }
+    }
+
+    /// By how much type and columns are larger than usual.
+    fn scale(self) -> f32 {
+        match self {
+            Self::Wide | Self::Narrow => 1.0,
+            Self::Large => 1.3,
+        }
+    }
+}
+
+/// Makes all type larger, from here on.
+fn magnify(ui: &mut Ui, scale: f32) {
+    if scale != 1.0 {
+        for font in ui.style_mut().text_styles.values_mut() {
+            font.size *= scale;
         }
     }
 }
@@ -213,6 +246,7 @@ fn springs(
                 card(ui, |ui| {
                     ui.set_min_size(vec2(inner, high));
                     ui.set_max_width(inner);
+                    magnify(ui, form.scale());
                     pair_card(ui, view, frame, state, form, columns * row + k);
                 });
             }
@@ -253,6 +287,13 @@ fn pair_card(
         )
         .on_hover_text("Angle of the X pair around the arm, from x through bellows 1");
     });
+    if form == Form::Large {
+        let height = 0.5 * (ui.available_height() - 4.0);
+        for i in [2 * pair, 2 * pair + 1] {
+            large_row(ui, view, frame, state, i, height);
+        }
+        return;
+    }
     for i in [2 * pair, 2 * pair + 1] {
         spring_row(ui, view, frame, state, form, i);
     }
@@ -267,13 +308,7 @@ fn spring_value(view: &View<'_>, frame: &SensorFrame, reading: Reading, i: usize
             let raw = raw.filter(|r| r.has_spring(i) && r.spring_gate_ticks[i] > 0);
             (raw.map_or(f64::NAN, |r| spring_khz(r, i)), 1)
         }
-        Reading::Residual => {
-            let shape = view.snapshot.shape.as_deref();
-            (
-                shape.map_or(f64::NAN, |s| spring_residual_mm(frame, s, i)),
-                2,
-            )
-        }
+        Reading::Residual => (spring_residual_mm(view.snapshot, i), 2),
     }
 }
 
@@ -286,24 +321,14 @@ fn spring_row(
     i: usize,
 ) {
     let p = *Palette::in_ui(ui);
-    let condition = frame.health.springs[i];
-    let (glyph, word, level) = health(condition);
-    let selected = state.selected_spring == Some(i);
+    let (_, _, level) = health(frame.health.springs[i]);
     let (value, decimals) = spring_value(view, frame, state.reading, i);
-    let [value_width, age_width, glyph_width] = [54.0, 44.0, 14.0];
+    let [value_width, age_width, glyph_width] = [54.0, 48.0, 14.0];
     ui.horizontal(|ui| {
         if form == Form::Narrow {
             ui.spacing_mut().button_padding.y = 2.0;
         }
-        let button = egui::Button::selectable(selected, spring_name(i)).min_size(vec2(34.0, 22.0));
-        if ui
-            .add(button)
-            .accessible_name(format!("Spring {}", spring_name(i)))
-            .on_hover_text("Highlight this spring in the plots and in 3D")
-            .clicked()
-        {
-            state.selected_spring = (!selected).then_some(i);
-        }
+        choose(ui, state, i, vec2(34.0, 22.0));
         let fixed = value_width + age_width + glyph_width + NIS_WIDTH + 4.0 * 4.0;
         let rest = ui.available_width() - fixed;
         ui.vertical(|ui| {
@@ -312,7 +337,7 @@ fn spring_row(
             if form == Form::Wide {
                 sparkline(ui, view, spring_channel(state.reading, i), 10.0, 0.2);
             }
-            length_bar(ui, view, frame, i, rest.max(24.0));
+            length_bar(ui, view, frame, i, [rest.max(24.0), 14.0]);
         });
         let text = match level {
             Level::Normal => p.text,
@@ -352,20 +377,146 @@ fn spring_row(
                 let text = RichText::new(probability).small().color(p.level(level));
                 low_cell(ui, age_width, TextStyle::Small, text)
                     .on_hover_text("Probability that this spring is faulty");
+            } else {
+                let text = RichText::new(nis_text(frame.quality.nis[i])).small();
+                low_cell(ui, age_width, TextStyle::Small, text.color(p.weak))
+                    .on_hover_text(nis_words(frame.quality.nis[i]));
             }
         });
-        let mut hover = format!("{word}: {}", spring_sentence(frame, i));
-        if band_mm > 0.0 {
-            hover = format!(
-                "{hover}\nMay be off by ± {} mm beyond its usual noise.",
-                number(band_mm, 2)
-            );
-        }
-        let sign = match condition {
-            ChannelHealth::Ok if evidence.extra_sigma > BAND_SHOWN_M => "≈",
-            _ => glyph,
-        };
+        let (sign, hover) = condition_of(frame, i);
         cell(ui, glyph_width, RichText::new(sign).color(p.level(level))).on_hover_text(hover);
+    });
+}
+
+/// The button that highlights a spring.
+fn choose(ui: &mut Ui, state: &mut SensorsState, i: usize, size: egui::Vec2) {
+    let selected = state.selected_spring == Some(i);
+    let button = egui::Button::selectable(selected, spring_name(i)).min_size(size);
+    let response = ui
+        .add(button)
+        .accessible_name(format!("Spring {}", spring_name(i)))
+        .on_hover_text("Highlight this spring in the plots and in 3D");
+    if response.clicked() {
+        state.selected_spring = (!selected).then_some(i);
+    }
+}
+
+/// Glyph of a spring's condition, and the sentence on it.
+fn condition_of(frame: &SensorFrame, i: usize) -> (&'static str, String) {
+    let condition = frame.health.springs[i];
+    let (glyph, word, _) = health(condition);
+    let extra_sigma = frame.spring_evidence(i).extra_sigma;
+    let mut hover = format!("{word}: {}", spring_sentence(frame, i));
+    if extra_sigma > 0.0 {
+        hover = format!(
+            "{hover}\nMay be off by ± {} mm beyond its usual noise.",
+            number(extra_sigma * 1e3, 2)
+        );
+    }
+    let sign = match condition {
+        ChannelHealth::Ok if extra_sigma > BAND_SHOWN_M => "≈",
+        _ => glyph,
+    };
+    (sign, hover)
+}
+
+/// A normalised innovation squared as a figure, as short as its column.
+fn nis_text(nis: f64) -> String {
+    match nis {
+        x if x >= 99.5 => "NIS >99".to_owned(),
+        x if x >= 9.95 => format!("NIS {}", number(x, 0)),
+        x => format!("NIS {}", number(x, 1)),
+    }
+}
+
+/// A spring in a large window: curve and bar, the figure, and residual, innovations, age and health in words.
+fn large_row(
+    ui: &mut Ui,
+    view: &View<'_>,
+    frame: &SensorFrame,
+    state: &mut SensorsState,
+    i: usize,
+    height: f32,
+) {
+    let p = *Palette::in_ui(ui);
+    let (_, word, level) = health(frame.health.springs[i]);
+    let (value, decimals) = spring_value(view, frame, state.reading, i);
+    let (sign, hover) = condition_of(frame, i);
+    let evidence = frame.spring_evidence(i);
+    let nis = frame.quality.nis[i];
+    let color = match level {
+        Level::Normal => p.text,
+        level => p.level(level),
+    };
+    let [value_width, words_width] = [100.0, 200.0];
+    ui.horizontal_top(|ui| {
+        ui.set_height(height);
+        ui.spacing_mut().item_spacing.x = 8.0;
+        choose(ui, state, i, vec2(48.0, 40.0));
+        let fixed = value_width + words_width + NIS_WIDTH + 3.0 * 8.0;
+        let rest = (ui.available_width() - fixed).max(60.0);
+        ui.vertical(|ui| {
+            ui.set_width(rest);
+            let line = (height - 34.0).clamp(18.0, 60.0);
+            sparkline_of(
+                ui,
+                view,
+                spring_channel(state.reading, i),
+                [10.0, 0.2],
+                line,
+            );
+            length_bar(ui, view, frame, i, [rest, 24.0]);
+        });
+        nis_meter(ui, &format!("Spring {} NIS", spring_name(i)), nis);
+        ui.vertical(|ui| {
+            ui.spacing_mut().item_spacing.y = 0.0;
+            ui.set_width(value_width);
+            let unit = spring_channel(state.reading, i).unit();
+            let figure = RichText::new(number(value, decimals)).heading();
+            low_cell(
+                ui,
+                value_width,
+                TextStyle::Heading,
+                figure.strong().color(color),
+            )
+            .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
+            let band_mm = evidence.extra_sigma * 1e3;
+            if band_mm >= BAND_LEAST_MM {
+                let color = match evidence.extra_sigma {
+                    sd if sd >= UNKNOWN_M => p.critical,
+                    _ => p.level(level),
+                };
+                let band = RichText::new(format!("± {} mm", number(band_mm, 2))).small();
+                low_cell(ui, value_width, TextStyle::Small, band.color(color))
+                    .on_hover_text("Band: standard deviation beyond the usual noise");
+            }
+        });
+        ui.vertical(|ui| {
+            ui.spacing_mut().item_spacing.y = 0.0;
+            ui.set_width(words_width);
+            let delivered = view.snapshot.raw.as_ref().is_some_and(|r| r.has_spring(i));
+            let old = channel_age_s(view, delivered, i / (SPRINGS / 2), Channel::Spring(i));
+            let old = old.map_or("—".into(), age);
+            let faulty = fault_probability(&evidence)
+                .map_or(String::new(), |(p, _)| format!(", faulty {p}"));
+            let residual_mm = spring_residual_mm(view.snapshot, i);
+            let lines = [
+                (format!("{sign} {word}{faulty}, {old} old"), p.level(level)),
+                (format!("residual {} mm", number(residual_mm, 2)), p.weak),
+                (
+                    format!("{}: {}", nis_text(nis), nis_words(nis)),
+                    match nis_level(nis) {
+                        Level::Normal => p.weak,
+                        level => p.level(level),
+                    },
+                ),
+            ];
+            for (text, color) in lines {
+                let text = RichText::new(text).small().color(color);
+                ui.add(egui::Label::new(text).truncate())
+                    .on_hover_text(&hover);
+            }
+        });
     });
 }
 
@@ -398,14 +549,14 @@ fn low_cell(ui: &mut Ui, width: f32, style: TextStyle, text: RichText) -> egui::
     .inner
 }
 
-fn length_bar(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, i: usize, width: f32) {
+fn length_bar(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, i: usize, size: [f32; 2]) {
     let p = *Palette::in_ui(ui);
     let range = view.spec.spring.range_m.map(|x| x * 1e3);
     let (_, _, level) = health(frame.health.springs[i]);
     let name = format!("Spring {} length in mm", spring_name(i));
-    meter(
+    meter_of(
         ui,
-        width,
+        size,
         &Meter {
             name: &name,
             range,

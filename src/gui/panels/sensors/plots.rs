@@ -4,7 +4,9 @@ use egui::{DragValue, RichText, ScrollArea, Ui, vec2};
 
 use super::state::{Reading, SensorsState, axes, imu_channel, spring_channel};
 use crate::analysis::history::Channel;
-use crate::gui::panels::plot::{self, Legend, Series, TimePlot, TimeWindow};
+use crate::gui::panels::plot::{
+    self, Extras, Fit, Legend, Series, Strip, TimePlot, TimeWindow, tools,
+};
 use crate::gui::panels::widgets::{
     card, cell, cell_left, dense, ends, imu_name, note, number, status,
 };
@@ -34,7 +36,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
             ui.allocate_ui(vec2(plots, height), |ui| {
                 ui.vertical(|ui| {
                     ui.set_width(plots - if table > 0.0 { 8.0 } else { 0.0 });
-                    stack(ui, view, state, window);
+                    ui.push_id("sensors", |ui| stack(ui, view, state, window));
                 });
             });
             if window.cursors_s.is_some() {
@@ -44,12 +46,20 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut T
     });
 }
 
+/// From this width on all controls are in one row, points.
+const WIDE: f32 = 1000.0;
+
 fn controls(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
     let SensorsState {
         reading,
         angle,
         selected_spring,
+        export,
     } = state;
+    let fit = match ui.available_width() < WIDE {
+        true => Fit::Cursors,
+        false => Fit::Full,
+    };
     ends(
         ui,
         "controls",
@@ -72,19 +82,8 @@ fn controls(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut
             }
         },
         |ui| {
-            let on = window.cursors_s.is_some();
-            let button = egui::Button::selectable(on, "A|B").frame_when_inactive(true);
-            if ui
-                .add(button)
-                .accessible_name("Cursors A and B")
-                .on_hover_text(
-                    "Two cursors with differences. A click in a plot moves the nearer one",
-                )
-                .clicked()
-            {
-                toggle(view, window);
-            }
-            window.controls(ui, view);
+            ui.spacing_mut().item_spacing.x = 4.0;
+            tools(ui, view, window, export, fit);
         },
     );
 }
@@ -113,19 +112,7 @@ fn readings(ui: &mut Ui, reading: &mut Reading) {
     ui.separator();
 }
 
-/// Shows both cursors, or takes them away.
-pub fn toggle(view: &View<'_>, window: &mut TimeWindow) {
-    if window.cursors_s.take().is_some() {
-        return;
-    }
-    // Plots that run would carry the cursors out of sight.
-    window.frozen_end_s.get_or_insert(view.now_s);
-    let [from, to] = window.range_s(view.now_s);
-    let from = view.history.range_s().map_or(from, |r| r[0].max(from));
-    window.cursors_s = Some([0.35, 0.75].map(|u| from + u * (to - from)));
-}
-
-fn stack(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut TimeWindow) {
+fn stack(ui: &mut Ui, view: &View<'_>, state: &mut SensorsState, window: &mut TimeWindow) {
     let reading = state.reading;
     let spring = |i: usize| {
         let (channel, name) = (spring_channel(reading, i), spring_name(i));
@@ -151,44 +138,48 @@ fn stack(ui: &mut Ui, view: &View<'_>, state: &SensorsState, window: &mut TimeWi
         Reading::Calibrated | Reading::Residual => [0.3, 0.5],
         Reading::Raw => [0.2, 1.0],
     };
-    let stacks: [(String, Vec<Series>, &[Channel], f64); 3] = [
-        (
-            format!("Springs of segment 1{what} / {unit}"),
-            (0..SPRINGS / 2).map(spring).collect(),
-            &emphasis,
-            spring_floor,
-        ),
-        (
-            format!("Springs of segment 2{what} / {unit}"),
-            (SPRINGS / 2..SPRINGS).map(spring).collect(),
-            &emphasis,
-            spring_floor,
-        ),
-        (
-            format!(
+    let strips = [
+        Strip {
+            title: format!("Springs of segment 1{what} / {unit}"),
+            series: (0..SPRINGS / 2).map(spring).collect(),
+            min_span: spring_floor,
+        },
+        Strip {
+            title: format!("Springs of segment 2{what} / {unit}"),
+            series: (SPRINGS / 2..SPRINGS).map(spring).collect(),
+            min_span: spring_floor,
+        },
+        Strip {
+            title: format!(
                 "IMU {}{what} / {}",
                 axes(reading)[state.angle],
                 imu_channel(reading, 0, 0).unit()
             ),
-            imu.collect(),
-            &[],
-            imu_floor,
-        ),
+            series: imu.collect(),
+            min_span: imu_floor,
+        },
     ];
+    let extras = Extras {
+        smooth: window.smooth,
+        ..Extras::default()
+    };
+    let whole = ui.available_rect_before_wrap().intersect(ui.clip_rect());
     ui.spacing_mut().item_spacing.y = 3.0;
-    plot::stack(ui, stacks.len(), 52.0, |ui, i, height, time_axis| {
-        let (title, series, emphasis, min_span) = &stacks[i];
+    plot::stack(ui, strips.len(), 52.0, |ui, i, height, place| {
+        let strip = &strips[i];
         TimePlot {
-            title,
-            series,
-            min_span: *min_span,
-            emphasis,
-            time_axis,
+            title: &strip.title,
+            series: &strip.series,
+            min_span: strip.min_span,
+            // Springs alone are selected.
+            emphasis: if i < 2 { &emphasis } else { &[] },
+            place,
             legend: Legend::Shown,
             playhead_s: None,
         }
-        .show(ui, view, window, height);
+        .show_with(ui, view, window, height, extras);
     });
+    state.export.gather(view, window, &strips, "sensors", whole);
 }
 
 // Instants of the cursors, and what each signal does between them.

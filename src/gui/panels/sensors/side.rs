@@ -6,8 +6,8 @@ use super::state::{Reading, axes, channel_age_s, imu_channel};
 use crate::analysis::history::{Channel, imu_residual_deg};
 use crate::gui::panels::plot::{Dash, swatch};
 use crate::gui::panels::widgets::{
-    NIS_WIDTH, age, cell, cell_left, dense, fault_probability, health, imu_name, imu_sentence,
-    nis_meter, note, number, status,
+    NIS_WIDTH, age, cell, cell_left, dense, fault_probability, heading, health, imu_name,
+    imu_sentence, nis_level, nis_meter, nis_words, note, number, status,
 };
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
@@ -16,15 +16,15 @@ use crate::signal::{BOARDS, FAR_DISTANCE, IMUS, SPRINGS, SensorFrame, UNKNOWN_RA
 /// Parts of frames are counted over this, s.
 const COUNTED_S: f64 = 10.0;
 
-/// The card.
-pub fn ui(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
-    imus(ui, view, frame, reading);
-    ui.add_space(4.0);
-    boards(ui, view);
+/// The card; its columns are `scale` times as wide as usual.
+pub fn ui(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading, scale: f32) {
+    imus(ui, view, frame, reading, scale);
+    ui.add_space(4.0 * scale);
+    boards(ui, view, scale);
     let link = &view.snapshot.link;
-    note(
+    heading(
         ui,
-        format!(
+        &format!(
             "{} frames, {} lost, {} late or duplicate (all boards), newest {} old",
             link.frames,
             link.frames_lost,
@@ -56,18 +56,20 @@ fn values(view: &View<'_>, frame: &SensorFrame, reading: Reading, i: usize) -> [
             let raw = view.snapshot.raw.as_ref().filter(|r| r.has_imu(i));
             raw.map_or(none, |r| r.imu[i].gyro_rad_s.map(f64::to_degrees))
         }
-        Reading::Residual => {
-            let shape = view.snapshot.shape.as_deref();
-            shape.map_or(none, |s| imu_residual_deg(frame, s, i))
-        }
+        Reading::Residual => imu_residual_deg(view.snapshot, i),
     }
 }
 
-fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
+fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading, scale: f32) {
     let p = *Palette::in_ui(ui);
     dense(ui);
-    let [name_width, band_width, age_width, health_width] = [82.0, 40.0, 36.0, 66.0];
-    let fixed = name_width + NIS_WIDTH + band_width + age_width + health_width + 7.0 * 4.0;
+    ui.spacing_mut().interact_size.y *= scale;
+    let [name_width, band_width, age_width, health_width] =
+        [82.0, 40.0, 36.0, 66.0].map(|w| w * scale);
+    // In large type there is space for the figure beside the narrow bar.
+    let nis_width = if scale > 1.0 { 44.0 } else { 0.0 };
+    let fixed =
+        name_width + NIS_WIDTH + nis_width + band_width + age_width + health_width + 8.0 * 4.0;
     let width = ((ui.available_width() - fixed) / 3.0).max(40.0);
     let head = |t: &str| RichText::new(t).small().color(p.weak);
     ui.horizontal(|ui| {
@@ -77,6 +79,10 @@ fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
             cell(ui, width, head(name));
         }
         ui.add_space(NIS_WIDTH + 4.0);
+        if nis_width > 0.0 {
+            cell(ui, nis_width, head("NIS"))
+                .on_hover_text("Normalised innovation squared: 1 for noise alone");
+        }
         cell(ui, band_width, head("± deg"))
             .on_hover_text("Band: standard deviation beyond the usual noise");
         cell(ui, age_width, head("age"));
@@ -100,6 +106,15 @@ fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading) {
                 &format!("IMU {} NIS", i + 1),
                 frame.quality.nis[SPRINGS + i],
             );
+            if nis_width > 0.0 {
+                let nis = frame.quality.nis[SPRINGS + i];
+                let color = match nis_level(nis) {
+                    Level::Normal => p.weak,
+                    level => p.level(level),
+                };
+                let text = RichText::new(number(nis, 1)).small().color(color);
+                cell(ui, nis_width, text).on_hover_text(nis_words(nis));
+            }
             let evidence = frame.imu_evidence(i);
             let band_deg = evidence.extra_sigma.to_degrees();
             let color = match evidence.extra_sigma {
@@ -149,10 +164,10 @@ fn parts(view: &View<'_>, board: usize) -> usize {
         .unwrap_or(0)
 }
 
-fn boards(ui: &mut Ui, view: &View<'_>) {
+fn boards(ui: &mut Ui, view: &View<'_>, scale: f32) {
     let p = *Palette::in_ui(ui);
     let link = &view.snapshot.link;
-    let columns = [76.0, 66.0, 58.0, 62.0, 70.0];
+    let columns = [76.0, 66.0, 58.0, 62.0, 76.0].map(|w| w * scale);
     let head = |t: &str| RichText::new(t).small().color(p.weak);
     ui.horizontal(|ui| {
         cell_left(ui, columns[0], head("Boards"));

@@ -1,6 +1,7 @@
 //! What the Sensors screen keeps, and which signals it shows.
 
 use crate::analysis::history::Channel;
+use crate::gui::panels::plot::Export;
 use crate::gui::view::View;
 
 /// What figures and plots show of the sensors.
@@ -16,7 +17,7 @@ pub enum Reading {
 }
 
 /// What the screen keeps.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Default)]
 pub struct SensorsState {
     /// The spring (0-based) that stands out in plots and 3D.
     pub selected_spring: Option<usize>,
@@ -24,6 +25,8 @@ pub struct SensorsState {
     pub angle: usize,
     /// What figures and plots show.
     pub reading: Reading,
+    /// A file of what the plots show.
+    pub export: Export,
 }
 
 /// The signal of a spring (0-based) under a reading.

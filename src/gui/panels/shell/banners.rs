@@ -4,12 +4,12 @@
 
 use egui::{Align, Button, Color32, Label, Layout, Rect, RichText, Ui, UiBuilder, pos2, vec2};
 
-use super::{ShellAction, ShellInput};
+use super::{EMPTY_PA, ShellAction, ShellInput};
 use crate::gui::panels::connect::VIRTUAL;
 use crate::gui::panels::welcome;
-use crate::gui::panels::widgets::age;
+use crate::gui::panels::widgets::{age, number};
 use crate::gui::theme::Palette;
-use crate::signal::{Alarm, AlarmCause, BOARDS, LinkStatus, Mode, Severity, Snapshot};
+use crate::signal::{Alarm, AlarmCause, BOARDS, CHAMBERS, LinkStatus, Mode, Severity, Snapshot};
 use crate::twin::{AlarmHelp, Command, explain_alarm};
 
 /// Height of the line, points.
@@ -171,7 +171,7 @@ fn present(ui: &Ui, input: &ShellInput<'_>) -> Vec<Banner> {
     if let Mode::Safe(reason) = &s.mode {
         let hover = "Leave SAFE. The arm stays disarmed until the next Go.";
         let button = ("Reset", hover, Press::Twin(Command::Reset));
-        let text = format!("⊗ SAFE, {}: {reason}", pumps(&s.link));
+        let text = format!("⊗ SAFE, {}, {}: {reason}", pumps(&s.link), air(s));
         all.push(Banner {
             help: safe_help(s),
             ..banner(p.critical_fill, p.on_critical, text, false, Some(button))
@@ -252,5 +252,63 @@ fn pumps(link: &LinkStatus) -> String {
         "pumps not reported".to_owned()
     } else {
         "pumps off".to_owned()
+    }
+}
+
+/// What pressure the chambers still have: the largest, and how many of them were not read.
+fn air(s: &Snapshot) -> String {
+    let Some(raw) = s.raw.as_ref().filter(|_| s.link.connected) else {
+        return "pressures not read".to_owned();
+    };
+    let read = (0..CHAMBERS).filter(|i| raw.has_chamber(*i));
+    let (unread, of) = (CHAMBERS - read.clone().count(), |i: usize| {
+        raw.chamber_pa[i]
+    });
+    let Some(largest) = read.max_by(|a, b| of(*a).abs().total_cmp(&of(*b).abs())) else {
+        return "pressures not read".to_owned();
+    };
+    let left = match of(largest).abs() > EMPTY_PA {
+        true => format!(
+            "up to {} kPa in chamber {}",
+            number(of(largest) * 1e-3, 1),
+            largest + 1
+        ),
+        false => "no pressure left".to_owned(),
+    };
+    match unread {
+        0 => left,
+        1 => format!("{left} (1 chamber not read)"),
+        n => format!("{left} ({n} chambers not read)"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::fixture;
+    use crate::signal::{RawFrame, SPRINGS};
+
+    #[test]
+    fn the_largest_pressure_that_is_left_is_stated_with_its_chamber() {
+        let mut s = fixture::snapshot(1.0);
+        let with = |s: &mut Snapshot, chamber_pa: [f64; CHAMBERS]| {
+            s.raw.as_mut().expect("frames").chamber_pa = chamber_pa;
+            air(s)
+        };
+        let text = with(&mut s, [3e3, 0.0, 12.31e3, -5e3, 0.0, 0.0]);
+        assert_eq!(text, "up to 12.3 kPa in chamber 3");
+        let text = with(&mut s, [3e3, 0.0, 0.0, -25e3, 0.0, 0.0]);
+        assert_eq!(text, "up to −25.0 kPa in chamber 4");
+        let text = with(&mut s, [1.9e3; CHAMBERS]);
+        assert_eq!(text, "no pressure left");
+        // What was not read is never called empty.
+        let raw = s.raw.as_mut().expect("frames");
+        raw.present = RawFrame::ALL_PRESENT & !(0b11 << (SPRINGS + crate::signal::IMUS + 3));
+        assert_eq!(air(&s), "no pressure left (2 chambers not read)");
+        s.raw.as_mut().expect("frames").present = 0;
+        assert_eq!(air(&s), "pressures not read");
+        s.raw.as_mut().expect("frames").present = RawFrame::ALL_PRESENT;
+        s.link.connected = false;
+        assert_eq!(air(&s), "pressures not read");
     }
 }

@@ -2,24 +2,36 @@
 
 use egui::{Key, Modifiers, RichText};
 
+use crate::analysis::player::Transport;
 use crate::gui::panels::widgets::heading;
 use crate::gui::screens::ScreenId;
 
 /// Keys of the overlay.
-const SHORTCUTS: [(&str, &[(&str, &str)]); 3] = [
+const SHORTCUTS: [(&str, &[(&str, &str)]); 4] = [
     (
         "Everywhere",
         &[
             ("Shift+Esc", "STOP: pumps off, also while typing"),
             ("Space", "HOLD: keep the present pressures"),
-            ("P", "Play or pause a replay"),
             ("M", "Mark this moment in the recording"),
-            ("L", "Keep the last 5 minutes of the rolling recording"),
+            ("B", "Keep the last 5 minutes of the rolling recording"),
             ("Esc", "Cancel the preview; close this list"),
             ("Enter", "Preview the typed target"),
             ("Ctrl+P", "Find any action by typing"),
             ("Ctrl+1 … 6", "The screens, from top to bottom"),
             ("?", "This list"),
+        ],
+    ),
+    (
+        "While a recording is shown",
+        &[
+            ("P", "Play or pause"),
+            (
+                "J K L",
+                "Backwards, pause, forwards; J or L again: twice as fast",
+            ),
+            (", .", "To the previous, the next sample"),
+            ("Home End", "To the start, to the end"),
         ],
     ),
     (
@@ -30,14 +42,14 @@ const SHORTCUTS: [(&str, &[(&str, &str)]); 3] = [
             ("X Y Z", "While the target is dragged: along this axis only"),
             ("Drag", "Turn; with Shift shift"),
             ("Scroll", "Zoom to the pointer"),
-            ("1 3 7 5", "Front, right, top, perspective"),
+            ("1 3 7 9 5", "Front, right, top, below, perspective"),
             ("F", "Fit the arm to the view"),
         ],
     ),
     (
         "Other screens",
         &[
-            ("J K", "Accuracy: next, previous peak of the error"),
+            ("[ ]", "Accuracy: previous, next peak of the error"),
             ("Arrows", "Gap: the next cell of the map"),
             ("Shift+drop", "Recordings: compare the file that is dropped"),
         ],
@@ -53,6 +65,7 @@ pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
         .constrain_to(within)
         .pivot(egui::Align2::CENTER_CENTER)
         .default_pos(within.center())
+        .default_height((within.height() - 60.0).max(80.0))
         .max_height((within.height() - 60.0).max(80.0))
         .max_width((within.width() - 24.0).max(120.0))
         .vscroll(true)
@@ -63,7 +76,8 @@ pub fn shortcuts(ctx: &egui::Context, open: &mut bool, within: egui::Rect) {
                 egui::Grid::new(title)
                     .num_columns(2)
                     .min_col_width(110.0)
-                    .spacing([24.0, 6.0])
+                    .min_row_height(18.0)
+                    .spacing([24.0, 4.0])
                     .show(ui, |ui| {
                         for (keys, what) in keys {
                             ui.label(RichText::new(*keys).monospace());
@@ -86,8 +100,25 @@ fn pressed(i: &mut egui::InputState, key: Key) -> bool {
     down
 }
 
-/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space only while no text is typed; P,
-/// M, L and `?` only while no menu is open, either. A key that is kept down asks once.
+/// Keys of the player that ask once while they are kept down.
+const PLAYER: [(Key, Transport); 6] = [
+    (Key::P, Transport::Toggle),
+    (Key::J, Transport::Backwards),
+    (Key::K, Transport::Pause),
+    (Key::L, Transport::Forwards),
+    (Key::Home, Transport::Start),
+    (Key::End, Transport::End),
+];
+
+/// Keys of the player that go on while they are kept down.
+const STEPS: [(Key, Transport); 2] = [
+    (Key::Comma, Transport::Previous),
+    (Key::Period, Transport::Next),
+];
+
+/// What the keys of this frame ask for. Shift+Esc is seen whatever has the focus; Space only while no text is typed; M,
+/// B, `?` and those of the player only while no menu is open, either. A key that is kept down asks once, except for
+/// steps.
 pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
     let typing = ctx.text_edit_focused();
     // Esc closes an open menu, and nothing else with it.
@@ -124,13 +155,19 @@ pub fn keys(ctx: &egui::Context) -> Vec<KeyAction> {
             i.events.retain(|e| !is_space(e));
         }
         if !typing && !menu {
-            if pressed(i, Key::P) {
-                actions.push(KeyAction::Play);
+            for (key, by) in PLAYER {
+                if pressed(i, key) {
+                    actions.push(KeyAction::Replay(by));
+                }
+            }
+            for (key, by) in STEPS {
+                let n = i.count_and_consume_key(Modifiers::NONE, key);
+                actions.extend(std::iter::repeat_n(KeyAction::Replay(by), n));
             }
             if pressed(i, Key::M) {
                 actions.push(KeyAction::Mark);
             }
-            if pressed(i, Key::L) {
+            if pressed(i, Key::B) {
                 actions.push(KeyAction::Keep);
             }
             let asked = i.events.iter().any(|e| matches!(e, egui::Event::Text(t) if t == "?"));
@@ -149,8 +186,8 @@ pub enum KeyAction {
     Stop,
     /// Hold, and nothing else.
     Hold,
-    /// Play or pause the recording that is shown.
-    Play,
+    /// Move the player of the recording that is shown.
+    Replay(Transport),
     /// Mark this moment in the recording.
     Mark,
     /// Keep the last minutes of the rolling recording.

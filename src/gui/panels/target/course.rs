@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use crate::gui::panels::widgets::number;
 use crate::gui::theme::Level;
-use crate::signal::{Mode, Snapshot, Stamp};
+use crate::signal::{Mode, Pose, Snapshot, Stamp};
 use crate::twin::Event;
 
 /// Two targets closer than this in each coordinate are the same, m: half of what is shown.
@@ -27,6 +27,10 @@ pub struct Course {
     refused: Option<(Stamp, String)>,
     /// Remaining distance over the last seconds: when (s), how far (m).
     left: VecDeque<(f64, f64)>,
+    /// When Go was pressed, and how far away the target was, m.
+    began: Option<(Stamp, f64)>,
+    /// How long the motion took, s, and how far motion capture has the tip from the target then, m, where it sees it.
+    result: Option<(f64, Option<f64>)>,
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -55,10 +59,17 @@ pub struct Said {
     pub title: String,
     /// What to know or to do.
     pub detail: String,
+    /// Share of the way that is done, while the tip moves.
+    pub share: Option<f32>,
 }
 
 fn same(a: &[f64; 3], b: &[f64; 3]) -> bool {
     (0..3).all(|i| (a[i] - b[i]).abs() < SAME_M)
+}
+
+/// Distance of a pose from a place, m.
+fn off_m(base_from_tip: &Pose, at_m: &[f64; 3]) -> f64 {
+    (base_from_tip.translation.vector - nalgebra::Vector3::from(*at_m)).norm()
 }
 
 impl Course {
@@ -67,9 +78,10 @@ impl Course {
         self.begin(target_m, State::Asked);
     }
 
-    /// Go was pressed at `now`.
-    pub fn send(&mut self, target_m: [f64; 3], now: Stamp) {
-        self.begin(target_m, State::Sent(now));
+    /// Go was pressed now.
+    pub fn send(&mut self, target_m: [f64; 3], now: &Snapshot) {
+        self.begin(target_m, State::Sent(now.stamp));
+        self.began = Some((now.stamp, self.distance_m(now)));
     }
 
     fn begin(&mut self, target_m: [f64; 3], state: State) {
@@ -135,6 +147,12 @@ impl Course {
         let is_goal = goal.is_some() && (at_goal || live.mode == Mode::Moving);
         let left_m = self.distance_m(live);
         let now = live.stamp;
+        if is_goal && at_goal && self.result.is_none() {
+            let took_s = self.began.map_or(f64::NAN, |(since, _)| now.since(since));
+            let truth = live.fresh_truth();
+            let off_m = truth.map(|t| off_m(&t.base_from_tip, &self.target_m));
+            self.result = Some((took_s, off_m));
+        }
         match &self.state {
             State::Sent(_) | State::Ended(..) if is_goal => self.state = State::Going,
             State::Sent(since)
@@ -164,9 +182,8 @@ impl Course {
 
     /// Distance of the estimate from the target, m.
     fn distance_m(&self, live: &Snapshot) -> f64 {
-        live.estimate.as_ref().map_or(f64::NAN, |e| {
-            (e.base_from_tip.translation.vector - nalgebra::Vector3::from(self.target_m)).norm()
-        })
+        let estimate = live.estimate.as_ref();
+        estimate.map_or(f64::NAN, |e| off_m(&e.base_from_tip, &self.target_m))
     }
 
     /// Time until the tip is there at the pace of the last seconds, s.
@@ -174,6 +191,18 @@ impl Course {
         let ((t0, d0), (t1, d1)) = (self.left.front()?, self.left.back()?);
         let pace_m_s = (d0 - d1) / (t1 - t0);
         (t1 - t0 > 0.5 * PACE_S && pace_m_s > PACE_MIN_M_S).then(|| d1 / pace_m_s)
+    }
+
+    fn result_text(&self) -> String {
+        let (took_s, truth_m) = self.result.unwrap_or((f64::NAN, None));
+        let took = match took_s.is_finite() {
+            true => format!(", after {} s", number(took_s, 1)),
+            false => String::new(),
+        };
+        let truth = truth_m.map_or_else(String::new, |m| {
+            format!(" Motion capture: {} mm.", number(m * 1e3, 1))
+        });
+        format!("By the estimate{took}.{truth} Click in the view for another target.")
     }
 
     /// What there is to read about `target_m`; nothing if it was neither asked about nor gone to.
@@ -186,6 +215,7 @@ impl Course {
                 level,
                 title,
                 detail,
+                share: None,
             })
         };
         let mm = |m: f64| number(m * 1e3, 1);
@@ -199,13 +229,23 @@ impl Course {
                     Some(t) => format!("About {} s left.", number(t.max(1.0), 0)),
                     None => "The time left is not known yet.".into(),
                 };
-                let title = format!("▶ Moving: {} mm left", mm(self.distance_m(live)));
-                said(Level::Normal, title, time)
+                let left_m = self.distance_m(live);
+                let share = self
+                    .began
+                    .map(|(_, whole_m)| 1.0 - left_m / whole_m.max(1e-6));
+                Some(Said {
+                    level: Level::Normal,
+                    title: format!("▶ Moving: {} mm left", mm(left_m)),
+                    detail: time,
+                    share: share
+                        .filter(|s| s.is_finite())
+                        .map(|s| s.clamp(0.0, 1.0) as f32),
+                })
             }
             State::Reached(m) => said(
                 Level::Normal,
                 format!("◎ Reached: {} mm from the target", mm(*m)),
-                "By the estimate. Click in the view for another target.".into(),
+                self.result_text(),
             ),
             State::Ended(_, m, why) => {
                 let title = match m.is_finite() {
@@ -264,7 +304,7 @@ mod tests {
     fn going() -> Course {
         let mut course = Course::default();
         course.ask(AT_M);
-        course.send(AT_M, Stamp::from_seconds(10.0));
+        course.send(AT_M, &live(10.0, Mode::Hold, 0.03));
         for k in 0..=20 {
             let t_s = 10.0 + 0.1 * f64::from(k);
             course.follow(&live(t_s, Mode::Moving, 0.03 - 5e-3 * (t_s - 10.0)));
@@ -332,13 +372,13 @@ mod tests {
         assert!(read(&course, &s).starts_with("Checking…"));
         course.observe(&refusal(1.0, "Load other networks."));
         assert_eq!(read(&course, &s), "▲ No verdict | Load other networks.");
-        course.send(AT_M, Stamp::from_seconds(2.0));
+        course.send(AT_M, &live(2.0, Mode::Hold, 0.02));
         course.follow(&live(2.1, Mode::Hold, 0.02));
         assert!(read(&course, &s).starts_with("▶ Setting out"));
         course.observe(&refusal(2.1, "Too old."));
         assert_eq!(read(&course, &s), "▲ Not started | Too old.");
         // Nor does it wait without end where nobody answers.
-        course.send(AT_M, Stamp::from_seconds(3.0));
+        course.send(AT_M, &live(3.0, Mode::Hold, 0.02));
         course.follow(&live(4.5, Mode::Hold, 0.02));
         assert!(read(&course, &s).starts_with("▲ Not reached"));
     }

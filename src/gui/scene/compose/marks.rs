@@ -111,7 +111,7 @@ impl Composer<'_> {
                 round: 0.0,
                 from_colour: with_alpha(colour, alpha(i)),
                 to_colour: with_alpha(colour, alpha(i + 1)),
-                through: 0.45,
+                through: 0.75,
             });
         }
     }

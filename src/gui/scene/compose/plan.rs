@@ -33,7 +33,11 @@ impl Composer<'_> {
         let back = plan.closed.then(|| points.first()).flatten();
         let ends = points.iter().skip(1).chain(back);
         for (from, to) in points.iter().zip(ends) {
-            self.mark(*from, *to, 2.6, with_alpha(colour, 1.0), 0.7);
+            self.mark(*from, *to, 2.6, with_alpha(colour, 1.0), 0.85);
+        }
+        for pair in plan.driven.windows(2) {
+            let [from, to] = [pair[0], pair[1]].map(Vec3::from);
+            self.mark(from, to, 3.4, with_alpha(self.palette.predicted, 1.0), 0.8);
         }
         for (i, at) in points.iter().enumerate() {
             let (selected, next) = (plan.selected == Some(i), plan.next == Some(i));

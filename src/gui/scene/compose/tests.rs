@@ -103,3 +103,41 @@ fn every_sensor_and_chamber_can_be_picked() {
         assert_eq!(Entity::from_id(entity.id()), Some(entity));
     }
 }
+
+#[test]
+fn a_model_that_is_tried_is_a_second_ghost_in_a_colour_of_its_own() {
+    let robot = RobotSpec::reference();
+    let snapshot =
+        crate::gui::scene::tests::snapshot_of(bent_shape(&robot, [0.3, 0.3], [0.0, 1.0]));
+    let [preview, tried] = [0.5, 0.4].map(|bend| bent_shape(&robot, [bend, 0.3], [0.0, 1.0]));
+    let camera = Camera::framing(Vec3::ZERO, 0.4);
+    let drawn = |ghost, tried| {
+        let input = SceneInput {
+            ghost,
+            tried,
+            ..SceneInput::new(&snapshot)
+        };
+        let size = Vec2::splat(400.0);
+        compose(&robot, &input, &camera, size, &SceneOutput::default())
+    };
+    let ghosts = |d: &Drawing| {
+        let bellows = d
+            .parts
+            .iter()
+            .filter(|(l, p, _)| (*l, *p) == (Layer::Ghost, Part::Bellows));
+        let mut colours: Vec<[f32; 4]> = bellows.map(|(_, _, i)| i.colour).collect();
+        colours.dedup();
+        colours
+    };
+    let both = drawn(Some(&preview), Some((&tried, "payload")));
+    assert_eq!(ghosts(&both).len(), 2, "each with a colour");
+    let one = drawn(Some(&preview), None);
+    assert_eq!(ghosts(&one).len(), 1);
+    assert!(both.lines.len() > one.lines.len(), "its outline");
+    // Each has section frames of its own.
+    let frames =
+        |d: &Drawing, slot: usize| d.frames[slot * FRAMES * 3..(slot + 1) * FRAMES * 3].to_vec();
+    assert_eq!(frames(&both, 2), frames(&one, 2));
+    assert_ne!(frames(&both, 2), frames(&both, 4));
+    assert!(frames(&one, 4).iter().all(|row| *row == [0.0; 4]));
+}

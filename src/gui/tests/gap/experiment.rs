@@ -107,11 +107,19 @@ fn a_click_on_the_disagreement_leads_to_the_finder() {
         likely: vec!["undeclared payload".to_owned()],
         muted: vec!["spring lag".to_owned()],
     });
-    let (twin, mut h) = running(s);
+    let (twin, mut h) = running(s.clone());
     assert_ne!(h.state().screen, ScreenId::Gap);
-    h.get_by_label("2.5").click();
+    // Some readings later, so that there is a residual to show.
+    s.sensors.as_mut().expect("sensors").stamp = crate::signal::Stamp::from_seconds(60.1);
+    s.stamp = crate::signal::Stamp::from_seconds(60.1);
+    twin.publish(s);
+    h.run_steps(2);
+    h.get_by_label("▲ disagrees 2.5").click();
     h.run_steps(4);
     assert_eq!(h.state().screen, ScreenId::Gap);
+    assert_eq!(h.state().selected_spring, Some(11));
+    h.get_by_label("Residual of spring 12, last 60 s");
+    h.get_by_label("Check the last 90 s");
     h.get_by_label_contains("disagree since 15 s ago, most in spring 12. It looks like undeclared");
     // The arm moves: it is not taken over.
     assert!(is_disabled(&h, "Run an experiment"));

@@ -210,7 +210,7 @@ fn a_law_is_looked_for_where_the_table_has_no_name_and_becomes_a_patch() {
     click(&mut h, "Step 3: Explain");
     h.get_by_label("? Unknown");
     click(&mut h, "Search for a law");
-    h.get_by_label("▲ Named");
+    h.get_by_label("▲ Effect found");
     h.get_by_label_contains("ΔT = c");
     h.get_by_label("Chosen by 100 % of the held-out folds.");
     h.get_by_label_contains("Explained part of");

@@ -106,6 +106,7 @@ pub fn faults<S>(h: &mut Harness<'_, S>, audit: &Audit) -> Vec<String> {
     let mut all = placed(h);
     overlaps(&all, &mut found);
     texts(h, &all, audit, &mut found);
+    frames(h, audit, window, &mut found);
     if audit.shell {
         covered(h, &all, window, &mut found);
     }
@@ -255,6 +256,45 @@ fn texts<S>(h: &Harness<'_, S>, all: &[Placed], audit: &Audit, found: &mut Vec<S
         if cut && whole && !all.iter().any(of_widget) {
             found.push(format!("the text “{said}” at {rect:?} ends at {clip:?}"));
         }
+    }
+}
+
+/// What the window leaves free beside a screen, points.
+const MARGIN: f32 = 6.0;
+
+/// How far from the window's right edge a screen is cut at most, points: what lies within a panel is cut farther inside.
+const EDGE: f32 = 9.0;
+
+/// Frames of panels that end beyond the window's right edge, where screens are not scrolled to the side.
+fn frames<S>(h: &Harness<'_, S>, audit: &Audit, window: Rect, found: &mut Vec<String>) {
+    if audit.shell && window.width() <= SCROLLED {
+        return;
+    }
+    let margin = if audit.shell { MARGIN } else { 0.0 };
+    for ClippedShape {
+        clip_rect: clip,
+        shape,
+        ..
+    } in &h.output().shapes
+    {
+        let mut rects = Vec::new();
+        framed(shape, &mut rects);
+        for rect in rects {
+            let of_screen = clip.right() >= window.right() - EDGE;
+            let seen = rect.intersect(*clip).is_positive();
+            let right = clip.right().min(window.right() - margin);
+            if of_screen && seen && rect.right() > right + ROUNDING {
+                found.push(format!("a frame {rect:?} ends beyond the window's edge"));
+            }
+        }
+    }
+}
+
+fn framed(shape: &Shape, out: &mut Vec<Rect>) {
+    match shape {
+        Shape::Rect(r) if r.stroke.width > 0.0 => out.push(r.rect),
+        Shape::Vec(shapes) => shapes.iter().for_each(|s| framed(s, out)),
+        _ => {}
     }
 }
 

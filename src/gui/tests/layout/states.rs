@@ -319,7 +319,7 @@ pub fn accuracy() -> Vec<State> {
         replayed("accuracy, replay", at),
         shown("accuracy, overlay", at, &session).with(|h| {
             h.state_mut().screens.accuracy.plots = Plots::Overlay;
-            h.key_press(Key::J);
+            h.key_press(Key::CloseBracket);
         }),
     ];
     for below in [Below::Time, Below::Space, Below::Bins, Below::Frames] {
@@ -387,6 +387,9 @@ pub fn recordings() -> Vec<State> {
     let at = ScreenId::Recordings;
     let mut all = vec![
         live("library", at, fixture::snapshot(1.0)),
+        live("selected", at, fixture::snapshot(1.0)).with(|h| press_one(h, "circle-35g")),
+        live("menu of REC", at, fixture::snapshot(1.0))
+            .with(|h| press_one(h, crate::gui::panels::rec::MENU)),
         live("recording", at, {
             let mut s = fixture::snapshot(1.0);
             alarmed(&mut s);
@@ -412,7 +415,7 @@ pub fn recordings() -> Vec<State> {
     for compared in [Compared::Both, Compared::Difference] {
         let mut state = opened("compared", on_recordings::app(Theme::Dark), None);
         on_recordings::load(&mut state.h, "first", "Load and play");
-        on_recordings::load(&mut state.h, "second", "Load as B");
+        on_recordings::load(&mut state.h, "second", "Compare as B");
         all.push(state.with(|h| h.state_mut().screens.library.pair.compared = compared));
     }
     for detail in [Detail::Events, Detail::Contents] {
@@ -493,6 +496,19 @@ pub fn gap() -> Vec<State> {
         app.screens.gap.take(as_law(), Origin::Simulated, None);
         app.screens.gap.step = GapStep::Explain;
     }));
+    let (found, spec) = (
+        gap::found(&Unwatched).expect("found"),
+        RobotSpec::reference(),
+    );
+    let tried = gap::tried_for_seconds();
+    for screen in [ScreenId::Gap, ScreenId::Operate] {
+        let mut app = App::for_screenshot(screen, Theme::Dark, spec.clone(), &tried);
+        let found = Arc::clone(&found);
+        app.screens.gap.take(found, Origin::Simulated, None);
+        app.screens.gap.step = GapStep::Patch;
+        let name = format!("a patch is tried, {}", screen.name());
+        all.push(opened(&name, app, None));
+    }
     let found = gap::found(&Unwatched).expect("found");
     all.push(
         on_gap("gap, accepted", move |app| {

@@ -360,6 +360,9 @@ fn the_views_bar_turns_the_view_and_switches_its_parts() {
     assert!(right.forward().distance(Vec3::NEG_X) < 1e-6);
     let (top, _) = click("Top");
     assert!(top.forward().distance(Vec3::NEG_Z) < 1e-6 && top.is_perspective());
+    let (below, _) = click("Below");
+    assert!(below.forward().distance(Vec3::Z) < 1e-6);
+    click("View ▾");
     assert!(!click("Perspective").0.is_perspective());
     let (_, shown) = click("Hull");
     assert!(!shown.hull && shown.trails && shown.ghost && shown.walls);

@@ -214,7 +214,8 @@ fn a_circle_is_followed_to_its_end_and_the_true_tip_stays_on_it() {
         texts(&b.events).contains(&done.into())
     });
     bench.run(&mut h, 5);
-    h.get_by_label(&format!("● {done}"));
+    h.get_by_label_contains(&format!("● {done}. "));
+    h.get_by_label_contains("mm RMS off the path");
     let path = circle(centre_m, 0.015, 60);
     let off_mm = bench.track[begun..].iter().map(|p| {
         let p = nalgebra::Vector3::from(*p);

@@ -75,7 +75,7 @@ fn a_recording_gets_its_file_elsewhere_and_is_listed_when_it_has_ended() {
     let (list, asked) = (Arc::clone(&found), Arc::clone(&names));
     let services = Services {
         scan: Box::new(move |_| Job::ready(Ok(list.lock().expect("not poisoned").clone()))),
-        new_recording: Box::new(move |folder| {
+        new_recording: Box::new(move |folder, _| {
             let (job, worker) = Job::pair();
             let mut asked = asked.lock().expect("not poisoned");
             asked.push((folder.to_owned(), worker));
@@ -89,10 +89,10 @@ fn a_recording_gets_its_file_elsewhere_and_is_listed_when_it_has_ended() {
     let mut h = harness(app);
     h.run_steps(3);
     h.get_by_label("/home/person/recordings");
-    h.get_by_label("● Record").click();
+    h.get_by_label("● REC").click();
     // The disk takes its time; the window does not wait for it.
     h.run_steps(5);
-    assert!(is_disabled(&h, "● Record"));
+    assert!(is_disabled(&h, "● REC"));
     assert_eq!(twin.taken(), []);
     let (folder, worker) = names.lock().expect("not poisoned").remove(0);
     assert_eq!(folder, Path::new("/home/person/recordings"));
@@ -129,14 +129,14 @@ fn a_recording_gets_its_file_elsewhere_and_is_listed_when_it_has_ended() {
 fn a_recording_without_a_file_says_why_on_every_screen() {
     let (_twin, handle) = twin(fixture::snapshot(1.0));
     let services = Services {
-        new_recording: Box::new(|_| Job::ready(Err("The folder /x cannot be made.".into()))),
+        new_recording: Box::new(|_, _| Job::ready(Err("The folder /x cannot be made.".into()))),
         ..Services::none()
     };
     let mut h = harness(App::new(Some(handle), RobotSpec::reference(), services));
     h.run_steps(3);
     h.state_mut().screen = ScreenId::Recordings;
     h.run_steps(2);
-    h.get_by_label("● Record").click();
+    h.get_by_label("● REC").click();
     h.run_steps(2);
     h.state_mut().screen = ScreenId::Sensors;
     h.run_steps(4);

@@ -1,6 +1,7 @@
 //! Notes and marks: while recording, afterwards, on the time line, in the library's search.
 
 use super::*;
+use crate::gui::panels::rec::MENU;
 use crate::signal::{Annotations, Mark, NoteChange};
 
 fn marked(at_s: f64, text: &str) -> Mark {
@@ -51,13 +52,6 @@ fn window() -> (Harness<'static, App>, Arc<Mutex<Vec<NoteChange>>>) {
     h.run_steps(3);
     load(&mut h, "first", "Load and play");
     (h, asked)
-}
-
-fn type_into(h: &mut Harness<'_, App>, label: &str, text: &str) {
-    h.get_by_label(label).focus();
-    h.run_steps(2);
-    h.get_by_label(label).type_text(text);
-    h.run_steps(3);
 }
 
 fn position_s(h: &Harness<'_, App>) -> f64 {
@@ -126,9 +120,11 @@ fn a_recording_under_way_is_marked_by_key_button_and_text() {
     app.screen = ScreenId::Recordings;
     let mut h = harness(app);
     h.run_steps(3);
-    assert!(is_disabled(&h, "Mark moment"));
-    type_into(&mut h, "Note or text of the mark", "new valve");
-    h.get_by_label("● Record").click();
+    h.get_by_label(MENU).click();
+    h.run_steps(3);
+    assert!(h.query_by_label("Mark moment").is_none());
+    type_into(&mut h, "Recording: note", "new valve");
+    h.get_by_label("● REC").click();
     h.run_steps(4);
     let path = PathBuf::from("recordings/recording.rrd");
     let note = Command::Note("new valve".into());
@@ -137,8 +133,12 @@ fn a_recording_under_way_is_marked_by_key_button_and_text() {
     s.recording = Some("recording".into());
     twin.publish(s);
     h.run_steps(3);
-    type_into(&mut h, "Note or text of the mark", "touched");
+    h.get_by_label(MENU).click();
+    h.run_steps(3);
+    type_into(&mut h, "Recording: text of the mark", "touched");
     h.get_by_label("Mark moment").click();
+    h.run_steps(3);
+    h.key_press(Key::Escape);
     h.run_steps(3);
     h.key_press(Key::M);
     h.run_steps(3);

@@ -64,11 +64,11 @@ fn the_last_minutes_are_kept_by_button_and_key_with_a_note_and_reported_by_name(
             .is_some()
     );
     assert!(h.query_by_label_contains("○ rolling").is_some());
-    h.get_by_label("Note or text of the mark").focus();
-    h.run_steps(2);
-    h.get_by_label("Note or text of the mark")
-        .type_text("it slipped");
-    h.run_steps(2);
+    h.get_by_label(crate::gui::panels::rec::MENU).click();
+    h.run_steps(3);
+    type_into(&mut h, "Recording: note", "it slipped");
+    h.key_press(Key::Escape);
+    h.run_steps(3);
     h.get_by_label("Keep the last 5 min").click();
     h.run_steps(4);
     let stated = "Kept the last 5 min as 2026-11-23_15-00-00.";
@@ -76,7 +76,7 @@ fn the_last_minutes_are_kept_by_button_and_key_with_a_note_and_reported_by_name(
     // On another screen, too.
     h.state_mut().screen = ScreenId::Sensors;
     h.run_steps(3);
-    h.key_press(Key::L);
+    h.key_press(Key::B);
     h.run_steps(4);
     let wanted = |note: &str| {
         let folder = PathBuf::from("/home/person/recordings");
@@ -90,7 +90,7 @@ fn the_last_minutes_are_kept_by_button_and_key_with_a_note_and_reported_by_name(
 fn before_arm_there_is_nothing_to_keep_and_a_stop_is_shown() {
     let (twin, mut h, kept, _) = window(RollingStatus::Waits);
     assert!(is_disabled(&h, "Keep the last 5 min"));
-    h.key_press(Key::L);
+    h.key_press(Key::B);
     h.run_steps(3);
     assert!(kept.lock().expect("not poisoned").is_empty());
     let mut s = fixture::snapshot(1.1);

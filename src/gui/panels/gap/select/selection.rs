@@ -62,6 +62,16 @@ impl Selection {
         self.making.begin(job);
     }
 
+    /// Chooses a session.
+    pub(in crate::gui::panels::gap) fn choose(
+        &mut self,
+        part: Part,
+        path: &Path,
+        services: &mut Services,
+    ) {
+        self.slots[part as usize].choose(path, services);
+    }
+
     /// Looks for sessions again, when the step is shown next.
     pub fn rescan(&mut self) {
         self.scanned = false;
