@@ -15,7 +15,7 @@ use std::sync::{Mutex, PoisonError};
 pub use stats::Stats;
 use store::{Drawn, Store};
 
-use super::decimate::{lines, slot_s};
+use super::decimate::{join, lines, slot_s};
 use crate::signal::{
     CHAMBERS, GroundTruth, IMUS, Pose, RawFrame, SPRINGS, SensorFrame, SensorVec, Snapshot, Stamp,
     pose_between, pose_error, ypr_from_rotation,
@@ -573,6 +573,10 @@ impl History {
         let window_s = [from_s, to_s];
         let mut drawn = self.drawn.lock().unwrap_or_else(PoisonError::into_inner);
         let slots = drawn.slots(&self.rows, channel.column(), window_s, width_s);
-        lines(&slots, width_s)
+        match channel {
+            // The monitor judges once in a second.
+            Channel::Disagreement => join(&slots, (3.0 * width_s).max(2.5)),
+            _ => lines(&slots, width_s),
+        }
     }
 }

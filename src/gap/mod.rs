@@ -66,7 +66,7 @@ pub use law::{
 };
 pub use monitor::Monitor;
 pub use noise::Noise;
-pub use patch::{Acts, Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION};
+pub use patch::{Patch, PatchEffect, PatchError, PatchLaw, PatchValue, VERSION, acts_over_time};
 pub use replay::{
     CalibrationParameter, Row, calibration_parameters, captured_poses, follow_pressures, move_arm,
     nominal, parameters, predicted, readings, residuals,

@@ -4,7 +4,22 @@
 use super::replay::calibration_parameters;
 use crate::robot::RobotSpec;
 pub use crate::robot::{PATCH_VERSION as VERSION, Patch, PatchEffect, PatchLaw, PatchValue};
-pub use crate::sim::patch::{Acts, PatchError};
+use crate::sim::patch::Acts;
+pub use crate::sim::patch::PatchError;
+
+/// Effects and terms of laws of a patch that act over time only, with their channels (1-based): a settled arm does not show them.
+pub fn acts_over_time(patch: &Patch) -> Vec<(&str, Option<usize>)> {
+    // Calibration parameters come first.
+    let acts = patch.parts().unwrap_or_default();
+    let acts = acts.into_iter().skip(patch.rig.len()).map(|(_, acts)| acts);
+    let effects = patch.effects.iter().map(|e| (e.id.as_str(), e.target));
+    let laws = patch.law.iter().map(|l| (l.term.as_str(), l.target));
+    let over_time = effects.chain(laws).zip(acts);
+    over_time
+        .filter(|(_, acts)| *acts == Acts::Replay)
+        .map(|(part, _)| part)
+        .collect()
+}
 
 fn short(hash: &str) -> String {
     hash.chars().take(12).collect()

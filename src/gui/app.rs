@@ -458,6 +458,7 @@ impl App {
             last.link.connected = false;
             last.mode = Mode::Disarmed;
             (last.goal, last.preview, last.recording) = (None, None, None);
+            (last.tried, last.kept_patch) = (None, None);
             self.live = Arc::new(last);
         }
         let hidden = ctx.input(|i| i.viewport().minimized == Some(true));

@@ -130,7 +130,7 @@ impl View {
         self.preview_shape = None;
         // Made again of this robot, where it is shown.
         self.mesh_worker = None;
-        self.mesh_at = None;
+        (self.mesh, self.mesh_failure, self.mesh_at) = (None, None, None);
     }
 
     /// Settles the shapes from now on.
@@ -213,7 +213,10 @@ impl View {
 
     /// Takes what was settled; of models that are used no longer, nothing.
     fn take_shapes(&mut self, answer: ShapeAnswer) {
-        if Arc::ptr_eq(&answer.own, &self.own) {
+        // Both models are compared at the same inputs, or not at all.
+        let is_own = Arc::ptr_eq(&answer.own, &self.own);
+        let is_settled = is_own && answer.shape.is_some();
+        if is_own {
             // A load that the model cannot hold keeps the last shape.
             if let Some((shape, sensors)) = answer.shape {
                 (self.shape, self.sensors) = (Some(shape), sensors);
@@ -223,7 +226,7 @@ impl View {
         if let Some(trial) = &mut self.tried {
             let of_it = answer
                 .tried
-                .filter(|(robot, _)| Arc::ptr_eq(robot, &trial.robot));
+                .filter(|(robot, _)| is_settled && Arc::ptr_eq(robot, &trial.robot));
             trial.predicted = of_it.map(|(_, predicted)| predicted);
         }
     }

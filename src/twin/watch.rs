@@ -26,6 +26,8 @@ pub struct Watch {
     reported: bool,
     /// Findings up to here are of a model that is no longer the twin's own.
     outdated: Option<Stamp>,
+    /// The robot whose model the monitor has not been given yet.
+    wanted: Option<Arc<RobotSpec>>,
 }
 
 /// What the monitor is given.
@@ -85,25 +87,32 @@ impl Watch {
             newest: None,
             reported: false,
             outdated: None,
+            wanted: None,
         })
     }
 
     /// Compares the arm with the model of this robot from now on; it judges again once that has settled.
     pub(super) fn compare_with(&mut self, robot: &Arc<RobotSpec>) {
+        self.wanted = Some(Arc::clone(robot));
+        self.hand_over();
+    }
+
+    /// Gives the monitor the model that it is to compare with; one that is behind gets it with a later tick.
+    fn hand_over(&mut self) {
+        let Some(robot) = self.wanted.take() else {
+            return;
+        };
         match &mut self.place {
-            Place::Here(judge) => judge.take_model(robot),
+            Place::Here(judge) => judge.take_model(&robot),
             Place::Beside { given, .. } => {
-                if given.try_send(Given::Model(Arc::clone(robot))).is_err() {
-                    log::warn!(
-                        "twin and arm are compared by the model of before: the monitor is behind"
-                    );
+                if given.try_send(Given::Model(Arc::clone(&robot))).is_err() {
+                    self.wanted = Some(robot);
                     return;
                 }
             }
             Place::Nowhere => {}
         }
-        self.newest = None;
-        self.outdated = self.taken;
+        (self.newest, self.outdated) = (None, self.taken);
     }
 
     /// Lets a thread of its own judge. The thread ends when this is dropped.
@@ -150,6 +159,7 @@ impl Watch {
 
     /// Takes what a snapshot measured, adds what is known of the disagreement to it, and reports when it begins and ends.
     pub(super) fn update(&mut self, snapshot: &mut Snapshot, events: &mut Vec<Event>) {
+        self.hand_over();
         if let Some(frame) = &snapshot.sensors
             && self.taken.is_none_or(|taken| frame.stamp > taken)
         {
@@ -213,6 +223,7 @@ mod tests {
             newest: None,
             reported: false,
             outdated: None,
+            wanted: None,
         };
         let mut texts = Vec::new();
         let mut shown = Vec::new();
@@ -257,6 +268,7 @@ mod tests {
             newest: None,
             reported: true,
             outdated: None,
+            wanted: None,
         };
         let of = |t_s: f64, ratio: f64| Disagreement {
             t_s,

@@ -3,7 +3,7 @@
 use super::markup::{decimals, fixed, number};
 use crate::gap::finding::{ChannelError, Finding, FoundEffect, Ranked, SeparateBy, Verdict};
 use crate::gap::patch::PatchValue;
-use crate::sim::effects::{Target, effect_or_term, plain, term};
+use crate::sim::effects::{EFFECTS, Target, effect_or_term, plain, term};
 
 /// Display name of an effect, or of a term of a law, with its channel (1-based; `None`: all of them, or there are none):
 /// `Leak, chamber 3`. An id that is neither is shown as it is.
@@ -110,7 +110,16 @@ pub fn parameter(id: &str, name: &str, value: &PatchValue) -> String {
 
 /// What an effect of the sensors means for their readings: one plain sentence; `None` for other effects.
 pub fn plainly(e: &FoundEffect) -> Option<String> {
-    let value = |name: &str| e.params.get(name).map(|v| v.value);
+    // What may as well be nominal is not stated.
+    let value = |name: &str| {
+        let v = e.params.get(name)?;
+        let effect = EFFECTS.iter().find(|known| known.id == e.id)?;
+        let nominal = effect.parameters.iter().find(|p| p.name == name)?.nominal;
+        let is_open = v
+            .ci95
+            .is_some_and(|[low, high]| low <= nominal && nominal <= high);
+        Some(if is_open { nominal } else { v.value })
+    };
     plain(&e.id, e.target, &value)
 }
 

@@ -22,13 +22,12 @@ use super::widgets::{Gate, badge, empty, ends, gated, note, status};
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
 use crate::gap::{Found, GapError};
-use crate::gui::services::gap::{Pair, PatchedRobot};
+use crate::gui::services::gap::{Pair, Part, PatchedRobot};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
 use crate::signal::capitalised;
 use crate::twin::Command;
-pub use select::Part;
 pub use tried::{drop_gate, keep_gate, phrase as patch_phrase, revert_gate};
 
 /// A step of the search.

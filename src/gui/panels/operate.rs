@@ -256,7 +256,7 @@ impl Panes<'_, '_> {
                 closed: track.closed,
                 selected: self.plans.selected_mark(),
                 next: self.plans.next_mark(self.view, track),
-                driven: self.plans.line_m(),
+                driven: self.plans.line_m(self.view, track),
             }),
             tool: if drawing { Tool::Draw } else { Tool::Target },
         };

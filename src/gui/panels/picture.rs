@@ -53,7 +53,11 @@ impl Picture {
             return None;
         };
         let (rect, scale) = (shot.rect, ui.ctx().pixels_per_point());
-        let content: Content = Box::new(move || png(&image.region(&rect, Some(scale))));
+        let rect = rect.intersect(ui.ctx().content_rect());
+        let content: Content = match rect.is_positive() {
+            true => Box::new(move || png(&image.region(&rect, Some(scale)))),
+            false => Box::new(|| Err("The plots are too low for a picture.".into())),
+        };
         ui.ctx().request_repaint();
         Some((shot.to, content))
     }

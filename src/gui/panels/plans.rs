@@ -369,10 +369,11 @@ impl PlanState {
     pub fn track(&self, view: &View<'_>) -> Option<Track> {
         let under_way = self.under_way(view).map(|(plan, _)| plan);
         // The way that was driven is shown beside the planned one until something else moves.
-        let done = self
-            .given
-            .as_ref()
-            .filter(|_| self.driven.is_some() && view.replay.is_none());
+        // While another plan is being made, that one is shown.
+        let done = self.given.as_ref().filter(|given| {
+            let edits = self.shown && self.plan(view.spec).as_ref() != Ok(*given);
+            self.driven.is_some() && view.replay.is_none() && !edits
+        });
         under_way.or(done).map(Track::of).or_else(|| {
             let plan = self.shown.then(|| self.plan(view.spec).ok()).flatten();
             if self.shown && self.kind == PlanKind::Points {
@@ -418,23 +419,30 @@ impl PlanState {
         let Some(plan) = &self.given else {
             return;
         };
-        match &live.routine {
-            Some(r) if r.name == plan.name && r.waypoint.is_some() => {
-                if let Some(Leg::Follow(follow)) = plan.legs.get(r.legs_done) {
-                    self.driven.get_or_insert_default().take(live, follow);
-                }
+        let Some(routine) = live.routine.as_ref().filter(|_| live.mode == Mode::Moving) else {
+            return;
+        };
+        if routine.name != plan.name || routine.legs != plan.legs.len() {
+            // Another motion: the way that was driven is in its way.
+            self.driven = None;
+            return;
+        }
+        match (plan.legs.get(routine.legs_done), routine.waypoint) {
+            (Some(Leg::Follow(follow)), Some(_)) => {
+                self.driven.get_or_insert_default().take(live, follow);
             }
-            // Another motion has begun: the way that was driven is in its way.
-            None if live.mode == Mode::Moving && matches!(self.outcome, Outcome::Done(_)) => {
-                self.driven = None;
-            }
+            // It begins: what came before is of another run.
+            _ if routine.legs_done == 0 => self.driven = None,
             _ => {}
         }
     }
 
-    /// Where the tip was on the path that is shown, m.
-    pub fn line_m(&self) -> &[[f32; 3]] {
-        self.driven.as_ref().map_or(&[], |d| &d.line_m)
+    /// Where the tip was on a path that is shown, m.
+    pub fn line_m(&self, view: &View<'_>, track: &Track) -> &[[f32; 3]] {
+        let given = self.given.as_ref().filter(|_| view.replay.is_none());
+        let is_it = given.is_some_and(|plan| Track::of(plan) == *track);
+        let driven = self.driven.as_ref().filter(|_| is_it);
+        driven.map_or(&[], |d| &d.line_m)
     }
 
     /// Gives the plan to the twin.

@@ -119,6 +119,10 @@ fn mocap(view: &View<'_>) -> (Ready, String) {
 
 fn agreement(view: &View<'_>) -> (Ready, String) {
     match &view.snapshot.disagreement {
+        None if view.snapshot.is_monitored => (
+            Ready::Without,
+            "settling: the first verdict comes after some seconds".into(),
+        ),
         None => (
             Ready::Without,
             "no baseline: Gap fits one to a healthy session".into(),

@@ -6,16 +6,14 @@ use egui::{Align, Button, Key, Layout, Popup, PopupCloseBehavior, RichText, Text
 
 use super::files::path_label;
 use super::operating::recording_gate;
-use super::recordings::{Library, mark_gate, mark_now, size_text};
+use super::recordings::{LONGEST, Library, mark_gate, mark_now, size_text};
 use super::widgets::{Gate, gated, heading, minutes, note, number, status};
-use crate::gui::services::{Pending, RecordingEntry, Services, Space};
+use crate::gui::services::{RecordingEntry, Services, Space};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
 use crate::signal::Snapshot;
 use crate::twin::Command;
 
-/// Most characters of a note or of the text of a mark.
-pub const LONGEST: usize = 2000;
 /// Most characters of a name.
 const LONGEST_NAME: usize = 48;
 /// Name of the button that opens the menu.
@@ -28,75 +26,6 @@ const MEASURED_S: f64 = 2.0;
 const RATED_S: f64 = 5.0;
 /// A disk that is full sooner is warned of, h.
 const SOON_H: f64 = 1.0;
-
-/// What is typed for the recording under way, or for the one that begins next.
-#[derive(Default)]
-pub struct RecState {
-    /// What the operator calls the recording that begins next.
-    pub name: String,
-    /// The operator's note.
-    pub note: String,
-    /// Text of the next mark.
-    pub mark: String,
-    /// The note that the recording under way has.
-    noted: String,
-    /// Whether the menu is to be opened.
-    pub wanted: bool,
-    /// How long the recording under way has lasted, s.
-    pub lasted_s: Option<f64>,
-    space: Option<Space>,
-    measuring: Pending<Space>,
-    /// Window time of the last measurement, s; none while the menu is closed.
-    measured_at_s: Option<f64>,
-}
-
-impl RecState {
-    /// Whether something is awaited.
-    pub fn is_busy(&self) -> bool {
-        self.measuring.is_busy()
-    }
-
-    /// The note of the recording that begins now; empty without one.
-    pub fn begin(&mut self) -> String {
-        self.note.trim().clone_into(&mut self.noted);
-        self.noted.clone()
-    }
-
-    /// Takes the note for a recording that is made of what is over.
-    pub fn take_note(&mut self) -> String {
-        std::mem::take(&mut self.note).trim().to_owned()
-    }
-
-    /// Takes the text of a mark.
-    pub fn take_mark(&mut self) -> String {
-        std::mem::take(&mut self.mark).trim().to_owned()
-    }
-
-    /// Follows what is recorded: what was typed goes with the recording it was typed for.
-    pub fn follow(&mut self, before: Option<&String>, now: Option<&String>) {
-        match (before, now) {
-            (Some(_), None) => {
-                let Self {
-                    name, note, mark, ..
-                } = self;
-                [name, note, mark].into_iter().for_each(String::clear);
-                self.noted.clear();
-            }
-            // One that others began has a note of its own.
-            (None, Some(_)) => self.note.trim().clone_into(&mut self.noted),
-            _ => {}
-        }
-    }
-
-    /// The note as it is now, once, where it differs from that of the recording under way.
-    fn changed_note(&mut self) -> Option<Command> {
-        let note = self.note.trim();
-        (note != self.noted).then(|| {
-            self.noted = note.to_owned();
-            Command::Note(self.noted.clone())
-        })
-    }
-}
 
 /// What the button records with.
 pub struct Rec<'a> {
@@ -385,27 +314,5 @@ mod tests {
         // One that has just begun has none yet.
         assert_eq!(rate_of(500, Some(1.0)), None);
         assert_eq!(rate_of(500, Some(50.0)), Some(10.0));
-    }
-
-    #[test]
-    fn a_note_is_sent_once_and_goes_with_its_recording() {
-        let mut state = RecState {
-            note: " leak ".into(),
-            ..RecState::default()
-        };
-        assert_eq!(state.begin(), "leak");
-        let name = "x".to_owned();
-        state.follow(None, Some(&name));
-        assert_eq!(state.changed_note(), None);
-        state.note = "leak of chamber 3".into();
-        let changed = Command::Note("leak of chamber 3".into());
-        assert_eq!(state.changed_note(), Some(changed));
-        assert_eq!(state.changed_note(), None);
-        state.follow(Some(&name), None);
-        assert!(state.note.is_empty());
-        // A recording that others begin does not get what was typed for the next one.
-        state.note = "mine".into();
-        state.follow(None, Some(&name));
-        assert_eq!(state.changed_note(), None);
     }
 }

@@ -86,9 +86,12 @@ impl Screen for OperateState {
             .clone()
             .and(go_gate(live, &self.draft))
             .and(held.clone());
-        list.act("Go to the target", "move motion", go, |_, ctx| {
+        list.act("Go to the target", "move motion", go, |o, ctx| {
             arm_simulated(&ctx.live, ctx.commands);
             ctx.commands.push(Command::Go);
+            if let Ok(target_m) = o.draft.parse() {
+                o.draft.course.send(target_m, ctx.live.snapshot);
+            }
         });
         let cancel = check(s.preview.is_some(), "Nothing is under preview.");
         let task = Task::Twin(Command::CancelPreview);

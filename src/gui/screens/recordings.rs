@@ -3,13 +3,13 @@
 use egui::{Ui, Vec2, vec2};
 
 use super::settings;
-use crate::gui::panels::gap::Part;
 use crate::gui::panels::operating::{ends_recording, recording_gate};
 use crate::gui::panels::rec;
 use crate::gui::panels::recordings::{
     self, Act, By, Library, RecordingsInput, Side, act_gate, keep, keep_gate, mark_gate, mark_now,
 };
 use crate::gui::screen::{Ctx, Known, List, Screen, Task, check};
+use crate::gui::services::gap::Part;
 use crate::gui::theme::Level;
 use crate::signal::Snapshot;
 use crate::twin::{Command, Event};
@@ -98,15 +98,6 @@ impl Screen for Library {
                 list.add("Open live in Rerun", "viewer stream", there, task);
             }
         }
-        let some = check(known.shown.replay.is_some(), "No recording is shown.");
-        let toggle = |_: &mut Self, ctx: &mut Ctx<'_>| {
-            if let Some(player) = ctx.player {
-                player.toggle();
-            }
-        };
-        let task = Task::Behind(Box::new(toggle));
-        list.add("Play or pause the recording", "replay", some, task);
-        list.by("P");
         let words = "open load file log session";
         list.act(
             "Browse for a recording…",

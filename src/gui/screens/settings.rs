@@ -5,7 +5,7 @@ use crate::analysis::score::By;
 use crate::calibrate::Step;
 use crate::gui::panels::accuracy::{AccuracyState, Below};
 use crate::gui::panels::calibrate::CalibrateState;
-use crate::gui::panels::gap::{GapState, Part, Step as GapStep};
+use crate::gui::panels::gap::{GapState, Step as GapStep};
 use crate::gui::panels::operate::{OperateState, Pane};
 use crate::gui::panels::plans::{Passing, PlanKind};
 use crate::gui::panels::recordings::{Compared, Detail, Library, Quantity, Side};
@@ -15,6 +15,7 @@ use crate::gui::panels::target::preview_of;
 use crate::gui::panels::view3d::LAYERS;
 use crate::gui::scene::Controls;
 use crate::gui::screen::{Ctx, Known, List, Task, check};
+use crate::gui::services::gap::Part;
 use crate::gui::view::Gate;
 use crate::signal::{SPRINGS, spring_name};
 
@@ -272,6 +273,7 @@ fn finding(state: &GapState, list: &mut List<GapState>) {
 pub fn recordings(state: &Library, known: &Known<'_>, list: &mut List<Library>) {
     let some = check(known.shown.replay.is_some(), "No recording is shown.");
     for (name, keys, by) in [
+        ("Play or pause the recording", "P", Transport::Toggle),
         ("Play forwards, or faster", "L", Transport::Forwards),
         ("Play backwards, or faster", "J", Transport::Backwards),
         ("Pause the recording", "K", Transport::Pause),

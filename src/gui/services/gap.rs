@@ -60,6 +60,28 @@ pub struct SessionSheet {
     pub kept_days: Option<f64>,
 }
 
+/// What a session is chosen for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The rig in order.
+    Healthy,
+    /// What may contain an effect.
+    Suspect,
+}
+
+impl Part {
+    /// All there are.
+    pub const ALL: [Self; 2] = [Self::Healthy, Self::Suspect];
+
+    /// Name on screen.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Healthy => "healthy",
+            Self::Suspect => "suspect",
+        }
+    }
+}
+
 /// The sessions of a search.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pair {

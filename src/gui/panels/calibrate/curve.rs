@@ -100,7 +100,9 @@ pub fn ui(ui: &mut Ui, live: &View<'_>, wizard: &Wizard, state: &CalibrateState,
     let name = format!("Spring {} ({}), {captured} points", i + 1, spring_name(i));
     ui.label(RichText::new(&name).strong());
     heading(ui, wizard, i);
-    let in_use = wizard.in_use.springs.iter().find(|s| s.spring == i + 1);
+    // A curve of another quantity cannot stand beside captured points.
+    let mut known = wizard.in_use.springs.iter().filter(|s| s.spring == i + 1);
+    let in_use = known.find(|s| captured == 0 || s.curve.quantity == take.quantity());
     let fitted = take.curve_fit().map(|f| &f.curve);
     let (line, line_name) = match (fitted, in_use) {
         (Some(curve), _) => (line_mm(curve), "fit"),
@@ -114,8 +116,11 @@ pub fn ui(ui: &mut Ui, live: &View<'_>, wizard: &Wizard, state: &CalibrateState,
         return;
     };
     let raw = live.snapshot.raw.as_ref();
-    let now = raw.and_then(|raw| take.reading(i, raw));
-    let (unit, reading) = match take.quantity() {
+    let curve = fitted.or(in_use.map(|s| &s.curve));
+    let quantity = curve.map_or(take.quantity(), |c| c.quantity);
+    let now = raw.filter(|_| quantity == take.quantity());
+    let now = now.and_then(|raw| take.reading(i, raw));
+    let (unit, reading) = match quantity {
         Quantity::InductanceUh => ("µH", "µH"),
         Quantity::CircuitReading => ("", "reading"),
     };

@@ -45,7 +45,7 @@ pub fn chosen(found: &Found, alternative: usize) -> Patch {
 }
 
 /// Effects and terms of laws of a patch, with their channels.
-pub(super) fn parts(patch: &Patch) -> impl Iterator<Item = (&str, Option<usize>)> {
+fn parts(patch: &Patch) -> impl Iterator<Item = (&str, Option<usize>)> {
     let effects = patch.effects.iter().map(|e| (e.id.as_str(), e.target));
     effects.chain(patch.law.iter().map(|l| (l.term.as_str(), l.target)))
 }

@@ -12,7 +12,7 @@ use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{
     badge, cell, cell_left, gated, heading, minutes, note, number, pane, status,
 };
-use crate::gui::services::gap::{RobotMatch, SessionSheet};
+use crate::gui::services::gap::{Part, RobotMatch, SessionSheet};
 use crate::gui::services::{Dialog, DialogKind, Services};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
@@ -20,27 +20,7 @@ use crate::twin::Command;
 pub use selection::Selection;
 use selection::{Slot, trouble_with};
 
-/// What a session is chosen for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
-    /// The rig in order.
-    Healthy,
-    /// What may contain an effect.
-    Suspect,
-}
-
 impl Part {
-    /// All there are.
-    pub const ALL: [Self; 2] = [Self::Healthy, Self::Suspect];
-
-    /// Name on screen.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Healthy => "healthy",
-            Self::Suspect => "suspect",
-        }
-    }
-
     fn title(self) -> &'static str {
         match self {
             Self::Healthy => "Healthy session (commissioning)",

@@ -4,11 +4,10 @@ use egui::{
     Align2, Button, Color32, FontId, RichText, Role, Sense, Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
-use super::patch::parts;
 use super::{GapState, Outcome};
 use crate::analysis::history::{Channel, History};
 use crate::gap::report::{effect_name, quantity};
-use crate::gap::{Acts, Patch};
+use crate::gap::{Patch, acts_over_time};
 use crate::gui::panels::plot::{Dash, swatch};
 use crate::gui::panels::widgets::{Gate, cell, cell_left, gated, note, number, status};
 use crate::gui::theme::{Level, Palette};
@@ -176,14 +175,8 @@ pub fn phrase(patch: &Patch) -> String {
 
 /// Effects of a patch that a settled arm does not show, by name.
 fn over_time(patch: &Patch) -> Vec<String> {
-    // Calibration parameters come first.
-    let acts = patch.parts().unwrap_or_default();
-    let acts = acts.into_iter().skip(patch.rig.len()).map(|(_, acts)| acts);
-    parts(patch)
-        .zip(acts)
-        .filter(|(_, acts)| *acts == Acts::Replay)
-        .map(|((id, target), _)| effect_name(id, target))
-        .collect()
+    let all = acts_over_time(patch).into_iter();
+    all.map(|(id, target)| effect_name(id, target)).collect()
 }
 
 /// Whether a trial can be changed at the twin at all, or why not.
@@ -218,9 +211,17 @@ impl GapState {
         if s.tried.as_ref().is_some_and(|t| *t.name == *name) {
             return Err("This patch is tried already.".into());
         }
-        match s.kept_patch.as_deref() == Some(&*name) {
-            true => Err("The twin's own model has this patch already.".into()),
-            false => Ok(()),
+        if live.spec.patches.iter().any(|a| a.patch == patch) {
+            return Err("The twin's own model has this patch already.".into());
+        }
+        match &s.kept_patch {
+            Some(kept) if **kept == *name => {
+                Err("The twin's own model has this patch already.".into())
+            }
+            Some(kept) => Err(format!(
+                "The twin's own model has a patch that was kept ({kept}): revert it first."
+            )),
+            None => Ok(()),
         }
     }
 

@@ -205,18 +205,14 @@ fn window(all: &mut List, known: &Known<'_>, connection: &Connection) {
 /// The mass in the gripper: the number that is typed behind the word, g.
 fn payload(all: &mut List, known: &Known<'_>, typed: &str) {
     let words = "mass load weight gripper grams g object";
-    let number = typed
-        .split_whitespace()
-        .find_map(|word| {
-            word.trim_end_matches('g')
-                .replace(',', ".")
-                .parse::<f64>()
-                .ok()
-        })
-        .filter(|grams| grams.is_finite());
+    let number = typed.split_whitespace().find_map(|word| {
+        let grams = word.trim_end_matches('g').replace(',', ".");
+        let grams = grams.parse::<f64>().ok().filter(|g| g.is_finite())?;
+        Some((word, grams))
+    });
     let there = check(!known.twin_gone, "No twin is running.").and(known.live.live());
     let most_g = known.live.spec.payload_max_kg * 1e3;
-    let Some(grams) = number else {
+    let Some((word, grams)) = number else {
         let why = "Type the mass in g behind it, as “payload 35”.".to_owned();
         let task = Choice::Twin(Command::DeclarePayload(0.0));
         all.add("Declare the payload", words, there.and(Err(why)), task);
@@ -227,7 +223,9 @@ fn payload(all: &mut List, known: &Known<'_>, typed: &str) {
         false => Err(format!("The gripper carries 0 to {most_g:.0} g.")),
     };
     let task = Choice::Twin(Command::DeclarePayload(grams * 1e-3));
-    let name = format!("Declare the payload: {grams} g");
+    // As it was typed, so that it is found.
+    let unit = if word.ends_with('g') { "" } else { " g" };
+    let name = format!("Declare the payload: {word}{unit}");
     all.add(name, words, there.and(within), task);
 }
 

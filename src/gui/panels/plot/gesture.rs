@@ -156,9 +156,10 @@ fn wheel(
         let factor = factor(scroll.x + scroll.y) / zoom;
         return Some(Change::To(area.zoomed(factor, area.value(at))));
     }
-    if scroll.x != 0.0 {
+    if scroll.x.abs() > scroll.y.abs() {
         let share = f64::from(scroll.x / area.rect.width());
         window.pan(-share * window.span_s, view.now_s);
+        return None;
     }
     let factor = factor(scroll.y) / zoom;
     if factor != 1.0 {

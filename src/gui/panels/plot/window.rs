@@ -73,7 +73,11 @@ impl TimeWindow {
     pub fn pan(&mut self, by_s: f64, now_s: f64) {
         if by_s != 0.0 {
             let [_, end] = self.range_s(now_s);
-            self.frozen_end_s = Some((end + by_s).min(now_s));
+            let to_s = (end + by_s).min(now_s);
+            // What follows goes on following where there is nothing newer to show.
+            if self.frozen_end_s.is_some() || to_s < now_s {
+                self.frozen_end_s = Some(to_s);
+            }
         }
     }
 

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::{Library, Side, rename};
 use crate::analysis::player::Player;
-use crate::gui::panels::gap::Part;
 use crate::gui::panels::widgets::Gate;
+use crate::gui::services::gap::Part;
 use crate::gui::services::{RecordingEntry, Services};
 
 /// What can be done with a recording of the list.

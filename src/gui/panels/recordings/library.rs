@@ -255,7 +255,8 @@ fn list(
                 // What is out of sight keeps its place and costs nothing.
                 let top = ui.cursor().top();
                 let seen = ui.clip_rect().y_range().expand(BESIDE);
-                if top + *height < seen.min || (top > seen.max && height.is_finite()) {
+                let away = top + *height < seen.min || (top > seen.max && height.is_finite());
+                if away && !library.renaming.is_of(&entry.path) {
                     ui.add_space(*height);
                     continue;
                 }

@@ -11,18 +11,18 @@ mod rolling;
 mod selected;
 mod shown;
 mod sort;
+mod typed;
 
 use std::path::{Path, PathBuf};
 
 use egui::{Ui, vec2};
 
-use super::gap::Part;
-use super::rec::RecState;
 use super::widgets::pane;
 use crate::analysis::findings::Findings;
 use crate::analysis::player::Player;
 use crate::gui::panels::files::PathField;
 use crate::gui::panels::plot::TimeWindow;
+use crate::gui::services::gap::Part;
 use crate::gui::services::{Dialog, DialogKind, Job, Pending, RecordingEntry, Services};
 use crate::gui::theme::Palette;
 use crate::gui::view::View;
@@ -38,6 +38,7 @@ pub use rename::rename_gate;
 pub use rolling::{in_strip, keep, keep_gate};
 pub use shown::played_title;
 pub use sort::{By, Sort};
+pub use typed::{LONGEST, RecState};
 
 /// What a recording is loaded for.
 struct Loading {
@@ -351,6 +352,7 @@ impl Library {
             match answer {
                 Ok(new) => self.pair.place((side, compared), new, player, services),
                 Err(cause) => {
+                    self.preview.clear();
                     self.trouble = Some(Trouble::new(
                         cause,
                         "Nothing was loaded: what was shown before stays.",
@@ -433,7 +435,14 @@ pub fn ui(
         });
         ui.vertical(|ui| {
             pane(ui, "played", |ui| {
-                shown::ui(ui, input, library, player, services);
+                if player.is_some() {
+                    return shown::ui(ui, input, library, player, services);
+                }
+                if library.pair.other.is_some() {
+                    shown::still_loaded(ui, library, player);
+                    ui.separator();
+                }
+                selected::ui(ui, input, library, services);
             });
         });
     });

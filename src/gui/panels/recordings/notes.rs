@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use egui::{Button, Key, RichText, Sense, TextEdit, Ui, vec2};
 
+use super::typed::LONGEST;
 use super::{Library, Trouble};
 use crate::analysis::player::Player;
-use crate::gui::panels::rec::LONGEST;
 use crate::gui::panels::widgets::{Gate, gated, note, number, tenths};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::Palette;
@@ -94,9 +94,9 @@ impl Library {
         match answer {
             Ok(now) => {
                 let others = self.pair.other.iter_mut().chain(self.preview.player_mut());
-                let mut all = player.iter_mut().chain(others);
-                if let Some(player) = all.find(|p| p.about.path.as_ref() == Some(&path)) {
-                    player.about.annotate(now);
+                let all = player.iter_mut().chain(others);
+                for player in all.filter(|p| p.about.path.as_ref() == Some(&path)) {
+                    player.about.annotate(now.clone());
                 }
                 self.findings = None;
                 self.rescan(services);

@@ -139,6 +139,7 @@ pub fn ui(
             .on_hover_text("Letters, digits, - and _; its notes and further files move along");
         if std::mem::take(&mut state.focus) {
             field.request_focus();
+            field.scroll_to_me(None);
         }
         let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         let hover = "Rename its files; nothing is replaced";

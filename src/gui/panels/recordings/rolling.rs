@@ -186,7 +186,7 @@ pub fn in_strip(ui: &mut Ui, live: &Snapshot) {
     match &live.rolling {
         RollingStatus::Records(_) => {
             note(ui, "○ rolling").on_hover_text(
-                "The last hours are kept in short files: L makes a recording of the last 5 minutes",
+                "The last hours are kept in short files: B makes a recording of the last 5 minutes",
             );
         }
         RollingStatus::Stopped(why) => {

@@ -6,13 +6,13 @@ use egui::{Align, Button, Key, Layout, RichText, ScrollArea, TextEdit, Ui, vec2}
 
 use super::act::{Act, act_gate};
 use super::library::{date_text, size_text, source_text};
+use super::typed::LONGEST;
 use super::{Library, RecordingsInput, Side, details, notes, shown};
 use crate::analysis::player::Player;
 use crate::gui::panels::files::{copy_path, path_label};
-use crate::gui::panels::gap::Part;
 use crate::gui::panels::operating::recording_gate;
-use crate::gui::panels::rec::LONGEST;
 use crate::gui::panels::widgets::{Gate, gated, minutes, note, status};
+use crate::gui::services::gap::Part;
 use crate::gui::services::{Pending, RecordingEntry, Services};
 use crate::gui::theme::Level;
 use crate::signal::NoteChange;

@@ -3,7 +3,7 @@
 use egui::{Align, Button, DragValue, Layout, RichText, Slider, Ui, vec2};
 
 use super::details::{cut_sentence, thinned_sentence};
-use super::{Compared, Library, Quantity, RecordingsInput, Side, notes, selected};
+use super::{Compared, Library, Quantity, RecordingsInput, Side, notes};
 use crate::analysis::history::{Channel, History};
 use crate::analysis::player::{AtEnd, Player, SPEEDS, Transport};
 use crate::gui::panels::plot::{Drawn, Extras, Legend, Series, TimePlot, TimeWindow, stack};
@@ -23,14 +23,6 @@ pub fn ui(
     player: &mut Option<Player>,
     services: &mut Services,
 ) {
-    if player.is_none() {
-        if library.pair.other.is_some() {
-            still_loaded(ui, library, player);
-            ui.separator();
-        }
-        selected::ui(ui, input, library, services);
-        return;
-    }
     library.preview.clear();
     title(ui, library, player);
     let Some(p) = player else {
@@ -53,7 +45,7 @@ pub fn ui(
 }
 
 // Closing one of two leaves the other at hand.
-fn still_loaded(ui: &mut Ui, library: &mut Library, player: &mut Option<Player>) {
+pub(super) fn still_loaded(ui: &mut Ui, library: &mut Library, player: &mut Option<Player>) {
     let Some(other) = &library.pair.other else {
         return;
     };
@@ -423,7 +415,8 @@ pub fn plots(
         spec: input.live.spec,
         simulated: p.trace().simulated,
     };
-    let mut window = TimeWindow {
+    // The whole recording: what a gesture would change lasts for no frame.
+    let window = TimeWindow {
         span_s: duration.max(1.0),
         ..TimeWindow::default()
     };
@@ -459,7 +452,7 @@ pub fn plots(
             legend: legend(i, signals.len()),
             playhead_s,
         }
-        .show(ui, &view, &mut window, height);
+        .show(ui, &view, &mut window.clone(), height);
     });
 }
 
@@ -494,7 +487,8 @@ fn both(ui: &mut Ui, input: &RecordingsInput<'_>, library: &mut Library, p: &Pla
         spec: input.live.spec,
         simulated: p.trace().simulated,
     };
-    let mut window = TimeWindow {
+    // The whole recording: what a gesture would change lasts for no frame.
+    let window = TimeWindow {
         span_s: (to - from).max(1.0),
         ..TimeWindow::default()
     };
@@ -515,7 +509,7 @@ fn both(ui: &mut Ui, input: &RecordingsInput<'_>, library: &mut Library, p: &Pla
         .show_with(
             ui,
             &view,
-            &mut window,
+            &mut window.clone(),
             height,
             Extras {
                 lines,

@@ -2,13 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Part;
 use crate::gap::SECONDS_MIN;
 use crate::gap::report::Origin;
 use crate::gui::panels::files::PathField;
 use crate::gui::panels::gap::Trouble;
 use crate::gui::panels::widgets::{Gate, number};
-use crate::gui::services::gap::{ExamplePair, RobotMatch, SessionSheet};
+use crate::gui::services::gap::{ExamplePair, Part, RobotMatch, SessionSheet};
 use crate::gui::services::{Pending, RecordingEntry, Services};
 
 /// One chosen session.
