@@ -127,11 +127,15 @@ impl SpringTake {
 
     fn refit(&mut self, needed_m: [f64; 2]) {
         let quantity = self.quantity();
-        self.so_far = curve_so_far(&self.points, quantity).map(|curve| CurveFit {
+        self.fitted = (!self.points.is_empty()).then(|| fit(&self.points, quantity, needed_m));
+        let curve = match &self.fitted {
+            Some(Ok((curve, _))) => Some(curve.clone()),
+            _ => curve_so_far(&self.points, quantity),
+        };
+        self.so_far = curve.map(|curve| CurveFit {
             residuals_m: residuals_m(&curve, &self.points),
             curve,
         });
-        self.fitted = (!self.points.is_empty()).then(|| fit(&self.points, quantity, needed_m));
     }
 
     /// The verdict; `covered`: whether the calibration in use has a curve for the spring.

@@ -40,7 +40,7 @@ pub fn run(a: &WatchArgs, robot: &RobotSpec) -> Result<Report> {
     let judged: Vec<Disagreement> = Measured::of(session)
         .filter_map(|m| monitor.take(m))
         .collect();
-    let above = |d: &&Disagreement| d.ratio > 1.0;
+    let above = |d: &&Disagreement| d.is_off();
     let first = judged.iter().find(above);
     let largest = judged.iter().max_by(|a, b| a.ratio.total_cmp(&b.ratio));
     let text = match (first, largest) {

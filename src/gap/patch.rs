@@ -8,16 +8,10 @@ use crate::sim::patch::Acts;
 pub use crate::sim::patch::PatchError;
 
 /// Effects and terms of laws of a patch that act over time only, with their channels (1-based): a settled arm does not show them.
-pub fn acts_over_time(patch: &Patch) -> Vec<(&str, Option<usize>)> {
-    // Calibration parameters come first.
-    let acts = patch.parts().unwrap_or_default();
-    let acts = acts.into_iter().skip(patch.rig.len()).map(|(_, acts)| acts);
-    let effects = patch.effects.iter().map(|e| (e.id.as_str(), e.target));
-    let laws = patch.law.iter().map(|l| (l.term.as_str(), l.target));
-    let over_time = effects.chain(laws).zip(acts);
-    over_time
-        .filter(|(_, acts)| *acts == Acts::Replay)
-        .map(|(part, _)| part)
+pub fn acts_over_time(patch: &Patch) -> Vec<(&'static str, Option<usize>)> {
+    let all = patch.active().unwrap_or_default().into_iter();
+    all.filter(|a| Acts::of(a.effect) == Acts::Replay)
+        .map(|a| (a.effect.id, a.target.map(|t| t + 1)))
         .collect()
 }
 

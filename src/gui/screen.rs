@@ -111,6 +111,8 @@ pub enum Task<S> {
 
 /// An action that can be found by typing.
 pub struct Action<D> {
+    /// The screen it acts on, or what it concerns; empty until it is listed.
+    pub group: &'static str,
     /// What it does, in words.
     pub name: String,
     /// Other words it is found by.
@@ -127,6 +129,7 @@ impl<D> Action<D> {
     /// The same action in another form.
     pub fn map<E>(self, form: impl FnOnce(D) -> E) -> Action<E> {
         let Self {
+            group,
             name,
             words,
             keys,
@@ -134,6 +137,7 @@ impl<D> Action<D> {
             task,
         } = self;
         Action {
+            group,
             name,
             words,
             keys,
@@ -156,6 +160,7 @@ impl<S> List<S> {
     /// Adds an action.
     pub fn add(&mut self, name: impl Into<String>, words: &'static str, gate: Gate, task: Task<S>) {
         self.0.push(Action {
+            group: "",
             name: name.into(),
             words,
             keys: "",

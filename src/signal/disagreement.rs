@@ -18,6 +18,11 @@ pub struct Disagreement {
 }
 
 impl Disagreement {
+    /// Whether twin and arm disagree.
+    pub fn is_off(&self) -> bool {
+        self.ratio > 1.0
+    }
+
     /// What it looks like: `" It looks like a, b or c."`; empty where nothing stands out.
     pub fn looks_like(&self) -> String {
         match self.likely.as_slice() {

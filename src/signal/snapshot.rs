@@ -387,6 +387,11 @@ impl NewFrames {
 }
 
 impl Snapshot {
+    /// The disagreement of twin and arm, where they disagree.
+    pub fn off(&self) -> Option<&Disagreement> {
+        self.disagreement.as_ref().filter(|d| d.is_off())
+    }
+
     /// Whether the boards have been heard for so long that the filters have settled, and the clocks of both are known so well that a
     /// jump leaves them known: an arm may set out.
     pub fn has_settled(&self) -> bool {

@@ -40,7 +40,7 @@ impl Runner {
     /// Puts a twin on a port.
     pub fn new(twin: Twin, port: Box<dyn Port>, robot: &RobotSpec) -> Self {
         Self {
-            view: View::new(robot).corrected_by(twin.corrected_by()),
+            view: View::new(robot, twin.corrected_by()),
             twin,
             port,
             robot: robot.clone(),

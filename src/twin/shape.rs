@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use crate::robot::{PadId, RobotSpec};
+use nalgebra::UnitQuaternion;
+
+use crate::robot::RobotSpec;
 use crate::signal::{ArmShape, IMUS, Predicted, SensorVec, Stamp, ypr_from_rotation};
 use crate::sim::patch::SensorErrors;
 use crate::sim::{Inputs, Model, State, observe, settle};
@@ -60,13 +62,9 @@ impl Arm {
     fn settle(&mut self, inputs: &Inputs) -> Option<Predicted> {
         settle(&self.model, &mut self.state, inputs).ok()?;
         let seen = observe(&self.model, &self.state);
-        let pads = &seen.shape.base_from_pad;
         let imu_ypr_rad = std::array::from_fn(|i| {
-            let pad = match self.robot.imus[i].pad {
-                PadId::Middle => &pads[1],
-                PadId::End => &pads[2],
-            };
-            ypr_from_rotation(&(pad.rotation * self.reads.imu[i]))
+            let pad = UnitQuaternion::from(seen.sensors.base_from_imu_pad(i));
+            ypr_from_rotation(&(pad * self.reads.imu[i]))
         });
         Some(Predicted {
             sensors: SensorVec {
@@ -121,27 +119,17 @@ impl ShapeSolver {
 
     /// Takes the models that are asked for. One that was tried before keeps its state.
     fn take_models(&mut self, question: &ShapeQuestion) {
-        let tried = self.tried.take();
+        let mut before = self.tried.take();
+        let mut arm = |robot: &Arc<RobotSpec>| {
+            let known = before.take_if(|arm| Arc::ptr_eq(&arm.robot, robot));
+            known.unwrap_or_else(|| Arm::new(robot, &self.corrected_by))
+        };
         if !Arc::ptr_eq(&self.own.robot, &question.own) {
-            self.own = match tried {
-                Some(arm) if Arc::ptr_eq(&arm.robot, &question.own) => arm,
-                _ => Arm::new(&question.own, &self.corrected_by),
-            };
+            self.own = arm(&question.own);
             self.preview_state = State::rest(&self.own.model);
             self.preview = None;
-            self.tried = None;
-        } else {
-            self.tried = tried;
         }
-        let wanted = question.tried.as_ref();
-        let is_there = match (&self.tried, wanted) {
-            (Some(arm), Some(robot)) => Arc::ptr_eq(&arm.robot, robot),
-            (None, None) => true,
-            _ => false,
-        };
-        if !is_there {
-            self.tried = wanted.map(|robot| Arm::new(robot, &self.corrected_by));
-        }
+        self.tried = question.tried.as_ref().map(arm);
     }
 
     /// Settles the arm from where it was, by its own model and by the one that is tried, and the preview if it is another

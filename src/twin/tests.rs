@@ -587,7 +587,10 @@ fn a_calibration_is_taken_over_at_rest_and_refused_on_the_way() {
 #[test]
 fn a_preview_has_a_shape_that_is_solved_once_and_goes_with_it() {
     let mut twin = twin();
-    let mut view = View::new(&RobotSpec::reference());
+    let mut view = View::new(
+        &RobotSpec::reference(),
+        crate::sim::patch::SensorErrors::of(&RobotSpec::reference()),
+    );
     feed(&mut twin, 0, 20);
     let goal = Goal::position([0.0, 0.0, -0.306]);
     twin.tick(at(20), Some(frame(20)), &[Command::Preview(goal.clone())]);

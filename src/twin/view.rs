@@ -60,11 +60,11 @@ pub(super) struct View {
 }
 
 impl View {
-    /// The rod model of `robot`, looked at by nobody.
-    pub(super) fn new(robot: &RobotSpec) -> Self {
+    /// The rod model of `robot`, looked at by nobody; its sensors are corrected by these errors.
+    pub(super) fn new(robot: &RobotSpec, corrected_by: SensorErrors) -> Self {
         let robot = Arc::new(robot.clone());
         Self {
-            corrected_by: SensorErrors::of(&robot),
+            corrected_by,
             own: Arc::clone(&robot),
             robot,
             kept: None,
@@ -80,14 +80,6 @@ impl View {
             mesh: None,
             mesh_failure: None,
             mesh_at: None,
-        }
-    }
-
-    /// Compares with sensors that are corrected by these errors.
-    pub(super) fn corrected_by(self, corrected_by: SensorErrors) -> Self {
-        Self {
-            corrected_by,
-            ..self
         }
     }
 

@@ -189,7 +189,7 @@ impl Watch {
         }
         if let Some(newest) = &self.newest {
             let stamp = snapshot.stamp;
-            if newest.ratio > 1.0 && !self.reported {
+            if newest.is_off() && !self.reported {
                 self.reported = true;
                 let text = format!(
                     "Twin and arm disagree since {:.0} s ago, most in {}.{} What is missing in the model, Gap finds.",

@@ -44,7 +44,7 @@ pub fn light(live: &View<'_>) -> Light {
             ),
         };
     };
-    let off = d.ratio > 1.0;
+    let off = d.is_off();
     let ratio = number(d.ratio, 1);
     let hover = format!(
         "How far twin and arm disagree, over the limit: most in {}; in order until {:.0} s ago.{} The line: the last 5 min, limit \

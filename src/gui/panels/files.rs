@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{Button, Id, Key, TextEdit, Ui};
+use egui::{Button, Id, TextEdit, Ui};
 
-use super::widgets::{Gate, gated, note, status};
+use super::widgets::{Gate, by_enter, gated, note, status};
 use crate::gui::services::{Content, Dialog, Existing, Pending, Picked, Services};
 use crate::gui::theme::Level;
 
@@ -89,7 +89,7 @@ impl PathField {
             self.trouble = None;
             self.confirmed = false;
         }
-        if field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
+        if by_enter(&field) {
             chosen = self.path().ok().or(chosen);
         }
         let gate: Gate = match self.is_busy() {

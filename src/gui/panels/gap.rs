@@ -67,6 +67,16 @@ impl Step {
         }
     }
 
+    /// The step before it, if there is one.
+    pub fn back(self) -> Option<Self> {
+        Self::ALL.get(self.index().checked_sub(1)?).copied()
+    }
+
+    /// The step after it, if there is one.
+    pub fn next(self) -> Option<Self> {
+        Self::ALL.get(self.index() + 1).copied()
+    }
+
     fn purpose(self) -> &'static str {
         match self {
             Self::Select => "Choose a healthy and a suspect session of the same rig.",
@@ -393,6 +403,12 @@ impl GapState {
         self.running.begin_for(search, job);
     }
 
+    /// The finding, or why there is none.
+    fn finding(&self) -> Result<&Outcome, String> {
+        let none = || "No finding yet: choose sessions and press Find.".to_owned();
+        self.outcome.as_ref().ok_or_else(none)
+    }
+
     /// Whether a step can be shown, or why not.
     pub fn gate(&self, step: Step) -> Gate {
         if step == Step::Select {
@@ -401,10 +417,7 @@ impl GapState {
         if self.running.is_busy() {
             return Err("The finder is running: wait, or cancel it.".into());
         }
-        match self.outcome {
-            Some(_) => Ok(()),
-            None => Err("No finding yet: choose sessions and press Find.".into()),
-        }
+        self.finding().map(|_| ())
     }
 
     // Whether a step is behind the operator.
@@ -538,9 +551,7 @@ fn back_and_next(ui: &mut Ui, state: &GapState) -> Option<Step> {
         // No spinner: a minute of painting would take the finder's time where pictures are made in software.
         status(ui, Level::Normal, "finder at work");
     }
-    let at = state.step.index();
-    let back = at.checked_sub(1).map(|i| Step::ALL[i]);
-    let next = Step::ALL.get(at + 1).copied();
+    let (back, next) = (state.step.back(), state.step.next());
     let mut pressed = None;
     for (text, step, none) in [
         ("‹ Back", back, "This is the first step."),

@@ -128,7 +128,7 @@ impl Form {
 const THREE_COLUMNS: f32 = 1500.0;
 
 /// Whether a kept layout has every panel exactly once.
-pub fn is_complete(tree: &Tree<Pane>) -> bool {
+fn is_complete(tree: &Tree<Pane>) -> bool {
     let mut found: Vec<Pane> = Vec::new();
     for tile in tree.tiles.tiles() {
         if let egui_tiles::Tile::Pane(p) = tile {
@@ -173,13 +173,11 @@ impl OperateState {
         (self.tree, self.form) = (Form::Two.layout(), Some(Form::Two));
     }
 
-    /// Takes the layout that the operator made; whether it has every panel.
-    pub fn take_layout(&mut self, tree: Tree<Pane>) -> bool {
-        let complete = is_complete(&tree);
-        if complete {
+    /// Takes the layout that the operator made, if it has every panel.
+    pub fn take_layout(&mut self, tree: Tree<Pane>) {
+        if is_complete(&tree) {
             (self.tree, self.form) = (tree, None);
         }
-        complete
     }
 
     /// Brings a panel to the front.

@@ -15,7 +15,10 @@ mod window;
 use std::cell::RefCell;
 
 use egui::{Align, Color32, Id, Layout, Rect, RichText, Role, Sense, Stroke, Ui, WidgetInfo, vec2};
-use egui_plot::{HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoints, PlotUi};
+use egui_plot::{
+    Axis, GridMark, HoverPosition, Line, LineStyle, Plot, PlotBounds, PlotPoint, PlotPoints,
+    PlotUi, Span,
+};
 
 use super::widgets::number;
 use crate::analysis::decimate::{envelope_of, slot_s};
@@ -230,17 +233,15 @@ impl TimePlot<'_> {
         let scale = axis.scale;
         let cursors_s = window.cursors_s.filter(|_| extras.differences);
         let entries = legend::entries(ui, self, extras.lines, view, cursors_s);
-        let mut row = |ui: &mut Ui| {
+        let row = |ui: &mut Ui, axis: &mut Kept| {
             let differs = cursors_s.is_some();
-            if legend::row(
-                ui, self.title, &entries, differs, self.place, &mut axis, has_log,
-            ) {
+            if legend::row(ui, self.title, &entries, differs, self.place, axis, has_log) {
                 axis.keep(ui);
             }
         };
         let top = ui.cursor().top();
         if !compact {
-            ui.horizontal(|ui| row(ui));
+            ui.horizontal(|ui| row(ui, &mut axis));
         }
         let height = (height - (ui.cursor().top() - top)).max(26.0);
         let range = window.range_s(view.now_s);
@@ -253,9 +254,8 @@ impl TimePlot<'_> {
             true => f64::from(ROW / (height - below - ROW).max(ROW)),
             false => 0.0,
         };
-        let data = Kept::of(ui, self.title, view, has_log)
-            .manual
-            .unwrap_or_else(|| fitted(&lines, scale.least(self.min_span)));
+        let fit = || fitted(&lines, scale.least(self.min_span));
+        let data = axis.manual.unwrap_or_else(fit);
         let y = [data[0], data[1] + headroom * (data[1] - data[0])];
         let frame = Frame {
             range,
@@ -265,10 +265,12 @@ impl TimePlot<'_> {
             below,
             scale,
         };
-        let response = self.plot(ui, view, window, &lines, &extras, &frame);
+        let response = self.plot(ui, view, window, lines, &extras, &frame);
         response.widget_info(|| WidgetInfo::labeled(Role::Image, true, self.title));
         if compact {
-            over(ui, response.rect, !entries.is_empty(), row);
+            over(ui, response.rect, !entries.is_empty(), |ui| {
+                row(ui, &mut axis);
+            });
         }
         let area = Area {
             rect: response.rect,
@@ -278,7 +280,6 @@ impl TimePlot<'_> {
             least: 0.02 * scale.least(self.min_span),
         };
         move_cursor(&response, window, &area);
-        let mut axis = Kept::of(ui, self.title, view, has_log);
         let manual = axis.manual.is_some();
         if let Some(change) = gesture::follow(ui, &response, window, view, &area, manual) {
             axis.manual = match change {
@@ -334,7 +335,7 @@ impl TimePlot<'_> {
         ui: &mut Ui,
         view: &View<'_>,
         window: &TimeWindow,
-        lines: &[Shown<'_>],
+        lines: Vec<Shown<'_>>,
         extras: &Extras<'_>,
         frame: &Frame,
     ) -> egui::Response {
@@ -370,17 +371,11 @@ impl TimePlot<'_> {
             .x_grid_spacer(move |_| marks_of_time(range, zero_s, width / 90.0))
             .grid_color(palette.line)
             .link_cursor(Id::unique("time"), [true, false])
-            .label_formatter(move |at| match at {
-                HoverPosition::NearDataPoint {
-                    plot_name,
-                    position,
-                    ..
-                } => Some(format!(
-                    "{plot_name}\n{} {unit} at {}",
-                    number(scale.value(position.y), decimals + 1),
-                    clock(position.x - zero_s, 0.1)
-                )),
-                HoverPosition::Elsewhere { .. } => None,
+            .label_formatter(move |at| {
+                pointed(at, |name, at| {
+                    let value = number(scale.value(at.y), decimals + 1);
+                    format!("{name}\n{value} {unit} at {}", clock(at.x - zero_s, 0.1))
+                })
             })
             .show(ui, |plot| {
                 plot.set_plot_bounds(bounds);
@@ -397,7 +392,7 @@ impl TimePlot<'_> {
     fn draw(
         &self,
         plot: &mut PlotUi<'_>,
-        line: &Shown<'_>,
+        mut line: Shown<'_>,
         smooth: bool,
         slot_s: f64,
         palette: &Palette,
@@ -415,17 +410,15 @@ impl TimePlot<'_> {
         } else {
             color
         };
-        for piece in &line.pieces {
-            if let Some(band) = Band::of(line.name, piece, slot_s, under, line.dash) {
-                plot.add(band);
-            } else {
-                plot.line(stroke(line, piece.clone(), under, 1.5));
+        let average = smooth.then(|| smooth::smoothed(&line.pieces, slot_s));
+        for piece in std::mem::take(&mut line.pieces) {
+            match Band::of(line.name, &piece, slot_s, under, line.dash) {
+                Some(band) => plot.add(band),
+                None => plot.line(stroke(&line, piece, under, 1.5)),
             }
         }
-        if smooth {
-            for piece in smooth::smoothed(&line.pieces, slot_s) {
-                plot.line(stroke(line, piece, color, 2.0).allow_hover(false));
-            }
+        for piece in average.into_iter().flatten() {
+            plot.line(stroke(&line, piece, color, 2.0).allow_hover(false));
         }
     }
 
@@ -573,6 +566,48 @@ pub fn still<'a>(title: &str, width: f32, height: f32) -> Plot<'a> {
         .allow_double_click_reset(false)
         .allow_axis_zoom_drag(false)
         .grid_fade(0.0)
+}
+
+/// Lowest and highest of the numbers that are finite with a margin, at least `least` apart; around zero where there are none.
+pub fn span_of(values: impl Iterator<Item = f64>, least: f64) -> [f64; 2] {
+    let (low, high) = values
+        .filter(|v| v.is_finite())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+            (a.min(v), b.max(v))
+        });
+    if low > high {
+        return [-0.5 * least, 0.5 * least];
+    }
+    let (middle, half) = (0.5 * (low + high), (0.54 * (high - low)).max(0.5 * least));
+    [middle - half, middle + half]
+}
+
+/// At most `count` round marks within a range.
+pub fn round_marks([low, high]: [f64; 2], count: f32) -> Vec<GridMark> {
+    marks_at(low, high, round_step(low, high, count))
+}
+
+/// A grey band between two values.
+pub fn grey_band([from, to]: [f64; 2], p: &Palette) -> Span {
+    Span::new("", from..=to)
+        .axis(Axis::Y)
+        .fill(p.line.gamma_multiply(0.5))
+        .border_width(0.0)
+}
+
+/// What is written at the point under the pointer, of the name of its line and its place.
+pub fn pointed(
+    at: &HoverPosition<'_>,
+    text: impl FnOnce(&str, &PlotPoint) -> String,
+) -> Option<String> {
+    match at {
+        HoverPosition::NearDataPoint {
+            plot_name,
+            position,
+            ..
+        } => Some(text(plot_name, position)),
+        HoverPosition::Elsewhere { .. } => None,
+    }
 }
 
 /// A short piece of line as it looks in the plots.

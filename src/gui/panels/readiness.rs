@@ -49,7 +49,6 @@ pub struct Check {
 
 /// All checks of the live twin, in the order in which they are remedied.
 pub fn checks(view: &View<'_>) -> Vec<Check> {
-    let check = |name, ready, found: String| Check { name, ready, found };
     let s = view.snapshot;
     let link = match s.link.connected && s.link.age_s < 0.25 {
         true => (Ready::Yes, format!("frames {} old", age(s.link.age_s))),
@@ -64,10 +63,9 @@ pub fn checks(view: &View<'_>) -> Vec<Check> {
         None => (Ready::Yes, "none is critical".into()),
         Some(alarm) => (Ready::No, alarm.text()),
     };
-    let sensors = sensors(view);
     let all = [
         ("Link", link),
-        ("Sensors", sensors),
+        ("Sensors", sensors(view)),
         ("Calibration", calibration),
         ("Alarms", alarms),
         ("Motion capture", mocap(view)),
@@ -75,7 +73,7 @@ pub fn checks(view: &View<'_>) -> Vec<Check> {
         ("Storage", storage(view)),
     ];
     all.into_iter()
-        .map(|(name, (ready, found))| check(name, ready, found))
+        .map(|(name, (ready, found))| Check { name, ready, found })
         .collect()
 }
 
@@ -127,7 +125,7 @@ fn agreement(view: &View<'_>) -> (Ready, String) {
             Ready::Without,
             "no baseline: Gap fits one to a healthy session".into(),
         ),
-        Some(d) if d.ratio > 1.0 => (
+        Some(d) if d.is_off() => (
             Ready::Without,
             format!("{:.1} × the limit, most in {}: see Gap", d.ratio, d.channel),
         ),

@@ -2,12 +2,11 @@
 
 use std::time::Duration;
 
-use egui::{Align, Button, Key, Layout, Popup, PopupCloseBehavior, RichText, TextEdit, Ui, vec2};
+use egui::{Align, Button, Layout, Popup, PopupCloseBehavior, RichText, TextEdit, Ui, vec2};
 
 use super::files::path_label;
-use super::operating::recording_gate;
 use super::recordings::{LONGEST, Library, mark_gate, mark_now, size_text};
-use super::widgets::{Gate, gated, heading, minutes, note, number, status};
+use super::widgets::{by_enter, gated, heading, minutes, note, number, status};
 use crate::gui::services::{RecordingEntry, Services, Space};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
@@ -39,18 +38,9 @@ pub struct Rec<'a> {
     pub twin_gone: bool,
 }
 
-impl Rec<'_> {
-    fn gate(&self, live: &View<'_>) -> Gate {
-        match self.library.is_naming() {
-            true => Err("The recording's file is being made.".into()),
-            false => recording_gate(live, self.twin_gone),
-        }
-    }
-}
-
 /// The button and, at its right, that of its menu. Laid out from right to left.
 pub fn button(ui: &mut Ui, live: &View<'_>, rec: &mut Rec<'_>, commands: &mut Vec<Command>) {
-    let gate = rec.gate(live);
+    let gate = rec.library.record_gate(live, rec.twin_gone);
     rec.library.rec.lasted_s = rec.recording_s;
     let arrow = Button::new("▾").min_size(vec2(22.0, 40.0));
     let arrow = ui
@@ -85,8 +75,7 @@ pub fn button(ui: &mut Ui, live: &View<'_>, rec: &mut Rec<'_>, commands: &mut Ve
 fn toggle(live: &Snapshot, rec: &mut Rec<'_>, commands: &mut Vec<Command>) {
     match live.recording {
         Some(_) => {
-            commands.extend(rec.library.rec.changed_note());
-            commands.push(Command::StopRecording);
+            rec.library.end_recording(commands);
         }
         None => rec.library.record(rec.services),
     }
@@ -161,7 +150,7 @@ fn contents(ui: &mut Ui, live: &View<'_>, rec: &mut Rec<'_>, commands: &mut Vec<
             mark(ui, live, rec, commands);
         }
         None => {
-            if named(ui, rec) && rec.gate(live).is_ok() {
+            if named(ui, rec) && rec.library.record_gate(live, rec.twin_gone).is_ok() {
                 rec.library.record(rec.services);
             }
             noted(
@@ -216,7 +205,7 @@ fn named(ui: &mut Ui, rec: &mut Rec<'_>) -> bool {
         .add(field)
         .accessible_name("Recording: name")
         .on_hover_text("A part of the file's name; Enter begins the recording");
-    field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter))
+    by_enter(&field)
 }
 
 fn note_id() -> egui::Id {
@@ -249,7 +238,7 @@ fn mark(ui: &mut Ui, live: &View<'_>, rec: &mut Rec<'_>, commands: &mut Vec<Comm
                 .add(field)
                 .accessible_name("Recording: text of the mark")
                 .on_hover_text("Text of the next mark; Enter marks this moment");
-            let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+            let entered = by_enter(&field);
             if gate.is_ok() && (pressed || entered) {
                 mark_now(rec.library, live.snapshot, commands);
             }

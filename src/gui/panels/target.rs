@@ -6,7 +6,7 @@ use egui::text::{CCursor, CCursorRange};
 use egui::{Button, RichText, TextEdit, Ui, vec2};
 
 use super::readiness;
-use super::widgets::{Gate, gated, note, number};
+use super::widgets::{Gate, by_enter, gated, note, number};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
 use crate::robot::RobotSpec;
@@ -360,7 +360,7 @@ fn fields(ui: &mut Ui, draft: &mut TargetDraft) -> bool {
             if response.gained_focus() {
                 select_all(ui, response.id, draft.text[i].chars().count());
             }
-            submitted |= response.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
+            submitted |= by_enter(&response);
         }
         note(ui, "mm");
     });
@@ -425,11 +425,7 @@ fn card(
 /// The motion or its result.
 fn progress(ui: &mut Ui, said: &Said) {
     let p = *Palette::in_ui(ui);
-    let color = match said.level {
-        Level::Normal => p.text,
-        level => p.level(level),
-    };
-    ui.label(RichText::new(&said.title).color(color));
+    ui.label(RichText::new(&said.title).color(p.level_text(said.level)));
     if let Some(share) = said.share {
         let bar = egui::ProgressBar::new(share)
             .desired_width(ui.available_width())
@@ -442,12 +438,8 @@ fn progress(ui: &mut Ui, said: &Said) {
 fn verdict_lines(ui: &mut Ui, view: &View<'_>, reach: &Reach, parsed: &Result<[f64; 3], String>) {
     let p = *Palette::in_ui(ui);
     let v = verdict(reach);
-    let color = if v.level == Level::Normal {
-        p.text
-    } else {
-        p.level(v.level)
-    };
-    ui.label(RichText::new(format!("{} {}", v.glyph, v.title)).color(color));
+    let title = RichText::new(format!("{} {}", v.glyph, v.title));
+    ui.label(title.color(p.level_text(v.level)));
     note(ui, v.detail);
     if let (Some(e), Ok(t)) = (&view.snapshot.estimate, parsed) {
         let d = (e.base_from_tip.translation.vector - nalgebra::Vector3::from(*t)).norm();

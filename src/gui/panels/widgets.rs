@@ -210,6 +210,11 @@ pub fn goes_down(response: &Response) -> bool {
     hit || by_key
 }
 
+/// Whether a text field was left by Enter.
+pub fn by_enter(field: &Response) -> bool {
+    field.lost_focus() && field.ctx.input(|i| i.key_pressed(egui::Key::Enter))
+}
+
 /// A badge: text on a small filled box.
 pub fn badge(ui: &mut Ui, text: &str, fill: Color32, color: Color32) -> Response {
     let font = egui::TextStyle::Body.resolve(ui.style());

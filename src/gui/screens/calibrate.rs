@@ -5,7 +5,7 @@ use egui::{Ui, Vec2, vec2};
 use super::settings;
 use crate::calibrate::Step;
 use crate::gui::panels::calibrate::{self, CalibrateState};
-use crate::gui::screen::{Ctx, Known, List, Screen};
+use crate::gui::screen::{Ctx, Known, List, Screen, check};
 use crate::robot::RobotSpec;
 use crate::signal::Snapshot;
 use crate::twin::Event;
@@ -51,10 +51,10 @@ impl Screen for CalibrateState {
             });
         }
         let at_springs = self.wizard().is_some_and(|w| w.step == Step::Springs);
-        let gate = match at_springs {
-            true => Ok(()),
-            false => Err("The curves are on the step Springs of Calibrate.".to_owned()),
-        };
+        let gate = check(
+            at_springs,
+            "The curves are on the step Springs of Calibrate.",
+        );
         let name = "Calibrate: show the curve of the next spring";
         list.act(name, "residuals points fit springs", gate, |c, _| {
             c.next_curve();

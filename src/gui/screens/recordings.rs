@@ -3,7 +3,7 @@
 use egui::{Ui, Vec2, vec2};
 
 use super::settings;
-use crate::gui::panels::operating::{ends_recording, recording_gate};
+use crate::gui::panels::operating::ends_recording;
 use crate::gui::panels::rec;
 use crate::gui::panels::recordings::{
     self, Act, By, Library, RecordingsInput, Side, act_gate, keep, keep_gate, mark_gate, mark_now,
@@ -54,18 +54,14 @@ impl Screen for Library {
         let live = &known.live;
         let there = check(!known.twin_gone, "No twin is running.");
         let words = "record recording save log file";
-        let gate = recording_gate(live, known.twin_gone);
-        let task: Task<Self> = match live.snapshot.recording {
-            Some(_) => Task::Twin(Command::StopRecording),
-            None => Task::Behind(Box::new(|library: &mut Self, ctx: &mut Ctx<'_>| {
-                library.record(ctx.services);
-            })),
+        let gate = self.record_gate(live, known.twin_gone);
+        let (name, act): (_, fn(&mut Self, &mut Ctx<'_>)) = match live.snapshot.recording {
+            Some(_) => ("End the recording", |library, ctx| {
+                library.end_recording(ctx.commands);
+            }),
+            None => ("Record", |library, ctx| library.record(ctx.services)),
         };
-        let name = match task {
-            Task::Twin(_) => "End the recording",
-            _ => "Record",
-        };
-        list.add(name, words, gate, task);
+        list.add(name, words, gate, Task::Behind(Box::new(act)));
         let opens = |library: &mut Self, _: &mut Ctx<'_>| library.rec.wanted = true;
         let words = "record rec save comment disk space left folder";
         let task = Task::Behind(Box::new(opens));

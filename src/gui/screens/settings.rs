@@ -192,10 +192,7 @@ pub fn calibrate(state: &CalibrateState, list: &mut List<CalibrateState>) {
 
 /// One step on and back, and the sessions.
 pub fn gap(state: &GapState, list: &mut List<GapState>) {
-    let is_now = |step: &GapStep| *step == state.step;
-    let at = GapStep::ALL.iter().position(is_now).unwrap_or(0);
-    let next = GapStep::ALL.get(at + 1).copied();
-    let back = at.checked_sub(1).map(|i| GapStep::ALL[i]);
+    let (back, next) = (state.step.back(), state.step.next());
     for (name, to, none) in [
         ("Gap: next step", next, "This is the last step."),
         ("Gap: back", back, "This is the first step."),

@@ -132,43 +132,32 @@ pub fn ui(ui: &mut Ui, live: &View<'_>, wizard: &Wizard, state: &CalibrateState,
         units: [unit, "mm"],
         names: true,
         x,
-        x_labels: false,
         groups: ways([up, down], color),
         line,
         line_name,
-        band: None,
-        band_name: "",
         now: now.filter(|v| (x[0]..=x[1]).contains(v)),
-        least: None,
         min_span: 10.0,
+        ..Scatter::default()
     }
     .show(ui, 0.52 * rest);
     let limit_mm = HELD_OUT_LIMIT_M * 1e3;
-    let residuals = Scatter {
+    let residuals = residuals_mm(take);
+    let count: usize = residuals.iter().map(Vec::len).sum();
+    Scatter {
         title: "Residuals / mm",
-        name: "",
+        name: &format!(
+            "Residuals of spring {}: {count} points, PASS limit ± {} mm",
+            i + 1,
+            number(limit_mm, 2)
+        ),
         units: [unit, "mm"],
-        names: false,
         x,
         x_labels: true,
-        groups: ways(residuals_mm(take), color),
-        line: Vec::new(),
-        line_name: "",
+        groups: ways(residuals, color),
         band: Some([-limit_mm, limit_mm]),
         band_name: &format!("± {} mm: PASS limit", number(limit_mm, 2)),
-        now: None,
-        least: None,
         min_span: 2.5 * limit_mm,
-    };
-    let name = format!(
-        "Residuals of spring {}: {} points, PASS limit ± {} mm",
-        i + 1,
-        residuals.count(),
-        number(limit_mm, 2)
-    );
-    Scatter {
-        name: &name,
-        ..residuals
+        ..Scatter::default()
     }
     .show(ui, 0.48 * rest);
 }

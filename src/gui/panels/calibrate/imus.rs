@@ -110,13 +110,10 @@ fn residuals(ui: &mut Ui, wizard: &Wizard, height: f32) {
             group("in use", in_use.collect(), p.bar, MarkerShape::Circle),
             group("captured", captured, p.series[0], MarkerShape::Diamond),
         ],
-        line: Vec::new(),
-        line_name: "",
         band: Some([0.0, limit_deg]),
         band_name: &format!("PASS: up to {} deg", number(limit_deg, 1)),
-        now: None,
-        least: None,
         min_span: 1.2 * limit_deg,
+        ..Scatter::default()
     }
     .show(ui, height);
 }

@@ -257,17 +257,11 @@ fn curves(ui: &mut Ui, calibration: &Calibration, height: f32) {
         title: "Length / mm over the reading of each spring",
         name: &format!("Curves in use of {} springs", springs.len()),
         units: ["", "mm"],
-        names: false,
         x,
         x_labels: true,
         groups,
-        line: Vec::new(),
-        line_name: "",
-        band: None,
-        band_name: "",
-        now: None,
-        least: None,
         min_span: 10.0,
+        ..Scatter::default()
     }
     .show(ui, rest);
 }
@@ -292,13 +286,10 @@ fn errors(ui: &mut Ui, calibration: &Calibration, height: f32) {
             color: p.series[0],
             shape: Some(MarkerShape::Diamond),
         }],
-        line: Vec::new(),
-        line_name: "",
         band: Some([0.0, limit_mm]),
         band_name: &format!("PASS: up to {} mm", number(limit_mm, 2)),
-        now: None,
-        least: None,
         min_span: 1.2 * limit_mm,
+        ..Scatter::default()
     }
     .show(ui, height);
 }

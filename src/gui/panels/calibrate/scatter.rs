@@ -3,11 +3,9 @@
 use std::ops::RangeInclusive;
 
 use egui::{Color32, Rect, RichText, Role, Sense, Shape, Stroke, Ui, WidgetInfo, vec2};
-use egui_plot::{
-    Axis, HoverPosition, Line, LineStyle, MarkerShape, PlotBounds, PlotPoints, Points, Span, VLine,
-};
+use egui_plot::{Line, LineStyle, MarkerShape, PlotBounds, PlotPoints, Points, VLine};
 
-use crate::gui::panels::plot::{Dash, marks_at, round_step, still, swatch};
+use crate::gui::panels::plot::{Dash, grey_band, pointed, round_marks, span_of, still, swatch};
 use crate::gui::panels::widgets::number;
 use crate::gui::theme::Palette;
 
@@ -24,6 +22,7 @@ pub struct Group {
 }
 
 /// A plot of points.
+#[derive(Default)]
 pub struct Scatter<'a> {
     /// Title with units.
     pub title: &'a str,
@@ -55,26 +54,7 @@ pub struct Scatter<'a> {
     pub min_span: f64,
 }
 
-/// Lowest and highest of the numbers that are finite, and at least `least` apart; around zero where there are none.
-fn range(values: impl Iterator<Item = f64>, least: f64) -> [f64; 2] {
-    let (low, high) = values
-        .filter(|v| v.is_finite())
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
-            (a.min(v), b.max(v))
-        });
-    if low > high {
-        return [-0.5 * least, 0.5 * least];
-    }
-    let (middle, half) = (0.5 * (low + high), (0.54 * (high - low)).max(0.5 * least));
-    [middle - half, middle + half]
-}
-
 impl Scatter<'_> {
-    /// Number of points.
-    pub fn count(&self) -> usize {
-        self.groups.iter().map(|g| g.points.len()).sum()
-    }
-
     /// Draws title, legend and plot in `height` points of height.
     pub fn show(&self, ui: &mut Ui, height: f32) {
         let p = *Palette::in_ui(ui);
@@ -84,7 +64,7 @@ impl Scatter<'_> {
         let width = ui.available_width();
         let points = self.groups.iter().flat_map(|g| &g.points);
         let ys = points.chain(&self.line).map(|q| q[1]);
-        let [low, high] = range(
+        let [low, high] = span_of(
             ys.chain(self.band.into_iter().flatten()).chain(self.least),
             self.min_span,
         );
@@ -103,33 +83,19 @@ impl Scatter<'_> {
             .y_axis_min_width(40.0)
             .y_axis_formatter(move |m, _: &RangeInclusive<f64>| number(m.value, decimals))
             .x_axis_formatter(move |m, _: &RangeInclusive<f64>| number(m.value, x_decimals))
-            .x_grid_spacer(move |_| {
-                marks_at(x[0], x[1], round_step(x[0], x[1], (width / 90.0).max(2.0)))
-            })
-            .y_grid_spacer(move |_| {
-                marks_at(low, high, round_step(low, high, (height / y_step).max(2.0)))
-            })
+            .x_grid_spacer(move |_| round_marks(x, (width / 90.0).max(2.0)))
+            .y_grid_spacer(move |_| round_marks([low, high], (height / y_step).max(2.0)))
             .grid_color(p.line)
-            .label_formatter(move |at| match at {
-                HoverPosition::NearDataPoint {
-                    plot_name,
-                    position,
-                    ..
-                } => Some(format!(
-                    "{plot_name}\n{} {y_unit} at {} {x_unit}",
-                    number(position.y, 3),
-                    number(position.x, 2)
-                )),
-                HoverPosition::Elsewhere { .. } => None,
+            .label_formatter(move |at| {
+                pointed(at, |name, at| {
+                    let (x, y) = (number(at.x, 2), number(at.y, 3));
+                    format!("{name}\n{y} {y_unit} at {x} {x_unit}")
+                })
             })
             .show(ui, |plot| {
                 plot.set_plot_bounds(PlotBounds::from_min_max([x[0], low], [x[1], high]));
-                if let Some([from, to]) = self.band {
-                    let span = Span::new("", from..=to)
-                        .axis(Axis::Y)
-                        .fill(p.line.gamma_multiply(0.5))
-                        .border_width(0.0);
-                    plot.span(span);
+                if let Some(band) = self.band {
+                    plot.span(grey_band(band, &p));
                 }
                 if !self.line.is_empty() {
                     let line = Line::new(self.line_name, PlotPoints::from(self.line.clone()))
@@ -220,17 +186,4 @@ fn marker(ui: &mut Ui, shape: MarkerShape, color: Color32) {
     };
     let filled = Shape::convex_polygon(corners, color, Stroke::NONE);
     ui.painter().add(filled);
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_range_holds_all_points_and_is_never_less_than_the_least() {
-        let [low, high] = range([1.0, f64::NAN, 3.0].into_iter(), 0.5);
-        assert!(low < 1.0 && high > 3.0 && high - low < 2.3, "{low} {high}");
-        assert_eq!(range([2.0].into_iter(), 1.0), [1.5, 2.5]);
-        assert_eq!(range(std::iter::empty(), 1.0), [-0.5, 0.5]);
-    }
 }

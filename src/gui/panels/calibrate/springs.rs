@@ -10,7 +10,9 @@ use crate::calibrate::springs::{CELLS, SpringTake, Verdict};
 use crate::calibrate::{BenchRequest, Wizard};
 use crate::gui::panels::files::Ask;
 use crate::gui::panels::widgets::card;
-use crate::gui::panels::widgets::{Gate, cell, cell_left, gated, heading, note, number, status};
+use crate::gui::panels::widgets::{
+    Gate, by_enter, cell, cell_left, gated, heading, note, number, status,
+};
 use crate::gui::services::{Dialog, DialogKind, Services};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
@@ -337,7 +339,7 @@ fn hand(
             .add(TextEdit::singleline(&mut state.hand_mm).desired_width(90.0))
             .labelled_by(label.id)
             .on_hover_text("True length between the spring's ends, mm");
-        entered = response.lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
+        entered = by_enter(&response);
     });
     if let Some(reading) = &wizard.springs.hand {
         let share = reading.share(live.snapshot.stamp);

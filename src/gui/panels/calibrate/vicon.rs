@@ -118,13 +118,9 @@ fn residuals(ui: &mut Ui, wizard: &Wizard, height: f32) {
                 group("used", used, p.series[0], MarkerShape::Circle),
                 group("stands out", out, p.warning, MarkerShape::Diamond),
             ],
-            line: Vec::new(),
-            line_name: "",
-            band: None,
-            band_name: "",
-            now: None,
             least: Some(0.0),
             min_span: 0.2,
+            ..Scatter::default()
         }
         .show(ui, 0.5 * rest);
     }

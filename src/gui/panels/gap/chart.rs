@@ -3,12 +3,10 @@
 use std::ops::RangeInclusive;
 
 use egui::{Color32, RichText, Role, Sense, Ui, WidgetInfo};
-use egui_plot::{
-    Axis, GridMark, HoverPosition, LineStyle, PlotBounds, PlotPoint, PlotPoints, Span, Text, VLine,
-};
+use egui_plot::{Axis, LineStyle, PlotBounds, PlotPoint, PlotPoints, Span, Text, VLine};
 
 use crate::analysis::decimate::{envelope_of_samples, slot_s};
-use crate::gui::panels::plot::{Dash, marks_at, round_step, still, swatch};
+use crate::gui::panels::plot::{Dash, grey_band, pointed, round_marks, span_of, still, swatch};
 use crate::gui::panels::widgets::number;
 use crate::gui::theme::Palette;
 
@@ -55,11 +53,6 @@ fn within(t_s: &[f64], [from, to]: [f64; 2]) -> std::ops::Range<usize> {
     a..b.max(a)
 }
 
-/// At most `count` round marks within the range.
-fn marks([low, high]: [f64; 2], count: f32) -> Vec<GridMark> {
-    marks_at(low, high, round_step(low, high, count))
-}
-
 impl Chart<'_> {
     /// Draws it; answers with the instant that was clicked, s.
     pub fn show(&self, ui: &mut Ui, height: f32) -> Option<f64> {
@@ -69,24 +62,12 @@ impl Chart<'_> {
         let height = (height - (ui.cursor().top() - top)).max(40.0);
         let width = ui.available_width();
         let some = within(self.t_s, self.range_s);
-        let mut low = self.band.map_or(f64::INFINITY, |b| -b);
-        let mut high = self.band.unwrap_or(f64::NEG_INFINITY);
-        for v in self.lines.iter().filter_map(|l| l.values.get(some.clone())) {
-            for v in v.iter().filter(|v| v.is_finite()) {
-                (low, high) = (low.min(*v), high.max(*v));
-            }
-        }
-        if !low.is_finite() {
-            (low, high) = (0.0, 0.0);
-        }
-        let (middle, half) = (
-            0.5 * (low + high),
-            (0.54 * (high - low)).max(0.5 * self.min_span),
-        );
-        let bounds = PlotBounds::from_min_max(
-            [self.range_s[0], middle - half],
-            [self.range_s[1], middle + half],
-        );
+        let values = self.lines.iter().filter_map(|l| l.values.get(some.clone()));
+        let band = self.band.into_iter().flat_map(|b| [-b, b]);
+        let range = span_of(values.flatten().copied().chain(band), self.min_span);
+        let [low, high] = range;
+        let bounds = PlotBounds::from_min_max([self.range_s[0], low], [self.range_s[1], high]);
+        let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
         let decimals = if half < 2.5 { 1 } else { 0 };
         let (unit, range_s) = (self.unit, self.range_s);
         let shown = still(self.title, width, height)
@@ -94,29 +75,19 @@ impl Chart<'_> {
             .y_axis_min_width(40.0)
             .y_axis_formatter(move |m, _: &RangeInclusive<f64>| number(m.value, decimals))
             .x_axis_formatter(|m, _: &RangeInclusive<f64>| format!("{} s", number(m.value, 0)))
-            .x_grid_spacer(move |_| marks(range_s, width / 60.0))
-            .y_grid_spacer(move |_| marks([middle - half, middle + half], height / 26.0))
+            .x_grid_spacer(move |_| round_marks(range_s, width / 60.0))
+            .y_grid_spacer(move |_| round_marks(range, height / 26.0))
             .grid_color(p.line)
-            .label_formatter(move |at| match at {
-                HoverPosition::NearDataPoint {
-                    plot_name,
-                    position,
-                    ..
-                } => Some(format!(
-                    "{plot_name}\n{} {unit} at {} s",
-                    number(position.y, 2),
-                    number(position.x, 1)
-                )),
-                HoverPosition::Elsewhere { .. } => None,
+            .label_formatter(move |at| {
+                pointed(at, |name, at| {
+                    let (value, t_s) = (number(at.y, 2), number(at.x, 1));
+                    format!("{name}\n{value} {unit} at {t_s} s")
+                })
             })
             .show(ui, |plot| {
                 plot.set_plot_bounds(bounds);
                 if let Some(b) = self.band {
-                    let span = Span::new("", -b..=b)
-                        .axis(Axis::Y)
-                        .fill(p.line.gamma_multiply(0.5))
-                        .border_width(0.0);
-                    plot.span(span);
+                    plot.span(grey_band([-b, b], &p));
                 }
                 if let Some([from, to]) = self.begins_s {
                     let span = Span::new("begins", from..=to)
@@ -203,7 +174,7 @@ mod tests {
         let few = thinned(&t[..5], &[1.0, f64::NAN, 2.0, 3.0, f64::NAN]);
         assert_eq!(few, [vec![[0.0, 1.0]], vec![[2.0, 2.0], [3.0, 3.0]]]);
         let round = |range, count| {
-            marks(range, count)
+            round_marks(range, count)
                 .iter()
                 .map(|m| m.value)
                 .collect::<Vec<_>>()

@@ -8,7 +8,6 @@ use super::{GapState, Step, Trouble};
 use crate::analysis::history::Channel;
 use crate::gap::report::Origin;
 use crate::gui::panels::conduct::{Conduct, Consent, conduct_gate};
-use crate::gui::panels::plot::Dash;
 use crate::gui::panels::recordings::keep_gate;
 use crate::gui::panels::widgets::{Gate, gated, note, number, status};
 use crate::gui::services::Services;
@@ -191,7 +190,7 @@ impl GapState {
         if self.gate(Step::Select).is_ok() {
             self.step = Step::Select;
         }
-        let d = live.disagreement.as_ref().filter(|d| d.ratio > 1.0);
+        let d = live.off();
         if let Some(Channel::SpringResidual(i)) = d.and_then(residual_of) {
             *selected_spring = Some(i);
         }
@@ -216,7 +215,7 @@ fn no_baseline(live: &View<'_>) -> &'static str {
 fn verdict(ui: &mut Ui, live: &View<'_>) {
     let s = live.snapshot;
     match &s.disagreement {
-        Some(d) if d.ratio > 1.0 => {
+        Some(d) if d.is_off() => {
             let ago = number((s.stamp.seconds() - d.since_s).max(0.0), 0);
             let text = format!(
                 "Twin and arm disagree since {ago} s ago, most in {}.{}",
@@ -246,27 +245,21 @@ fn verdict(ui: &mut Ui, live: &View<'_>) {
     }
 }
 
-/// The residual of what disagrees, over the last minute; whether something disagrees.
-fn trace(ui: &mut Ui, live: &View<'_>) -> bool {
-    let d = live
-        .snapshot
-        .disagreement
-        .as_ref()
-        .filter(|d| d.ratio > 1.0);
+/// The residual of what disagrees, over the last minute; nothing while nothing does.
+fn trace(ui: &mut Ui, live: &View<'_>) {
+    let d = live.snapshot.off();
     let Some((d, channel)) = d.and_then(|d| Some((d, residual_of(d)?))) else {
-        return false;
+        return;
     };
     let p = *Palette::in_ui(ui);
     let title = format!("Residual of {}, last 60 s", d.channel);
     let line = Trace {
         name: "twin's model",
         color: p.text,
-        dash: Dash::Solid,
         channel,
         from_s: f64::NEG_INFINITY,
     };
     show(ui, live, &title, &[line]);
-    true
 }
 
 /// The ways to let the finder look at the live arm.
@@ -275,7 +268,7 @@ pub fn begin(ui: &mut Ui, state: &mut GapState, live: &View<'_>, services: &mut 
     let s = live.snapshot;
     verdict(ui, live);
     in_short(ui, live, &mut state.orders);
-    if let Some(d) = s.disagreement.as_ref().filter(|d| d.ratio > 1.0) {
+    if let Some(d) = s.off() {
         mute(ui, state, &d.likely);
     }
     for name in s.disagreement.iter().flat_map(|d| &d.muted) {

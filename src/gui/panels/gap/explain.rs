@@ -97,9 +97,7 @@ enum ForLaw {
 impl GapState {
     /// Whether a law can be searched for, or why not.
     pub fn law_gate(&self) -> Gate {
-        let Some(outcome) = &self.outcome else {
-            return Err("No finding yet: choose sessions and press Find.".into());
-        };
+        let outcome = self.finding()?;
         if self.running.is_busy() {
             return Err("The finder is running: wait, or cancel it.".into());
         }

@@ -162,9 +162,7 @@ fn gate(outcome: &Outcome, patched: Result<&PatchedRobot, &str>) -> Gate {
 impl GapState {
     /// Whether the patch can be accepted, or why not.
     pub fn accept_gate(&self) -> Gate {
-        let Some(outcome) = &self.outcome else {
-            return Err("No finding yet: choose sessions and press Find.".into());
-        };
+        let outcome = self.finding()?;
         if self.patching.is_busy() {
             return Err("The robot file is being written.".into());
         }
@@ -178,9 +176,7 @@ impl GapState {
 
     /// Whether the patch can be rejected, or why not.
     pub fn reject_gate(&self) -> Gate {
-        let Some(outcome) = &self.outcome else {
-            return Err("No finding yet: choose sessions and press Find.".into());
-        };
+        let outcome = self.finding()?;
         match outcome.decision {
             Decision::Accepted => Err("It was accepted: undo it below.".to_owned()),
             Decision::Rejected => Err("It is rejected already.".to_owned()),

@@ -258,9 +258,7 @@ fn group(ui: &mut Ui, c: &ChannelError, worse: bool, name: f32, widths: [f32; 7]
 impl GapState {
     /// Whether a report of the finding can be written, or why not.
     pub fn report_gate(&self) -> Gate {
-        let Some(outcome) = &self.outcome else {
-            return Err("No finding yet: choose sessions and press Find.".into());
-        };
+        let outcome = self.finding()?;
         let busy = outcome.keeping.is_busy() || self.opening.is_busy() || self.saving.is_busy();
         match busy {
             true => Err("The report is being written.".to_owned()),

@@ -20,6 +20,16 @@ const LEAVES: &str = "Tried, a patch is drawn and compared beside the twin's own
                       drawn, its preview, the residuals and the monitor follow it. Networks, sensing, reach verdicts and control keep \
                       their model until the twin starts with the accepted robot file.";
 
+/// Label and tooltip of what ends a trial, and of what takes a kept patch back.
+const DROP: [&str; 2] = [
+    "Drop the patch",
+    "End the trial; the twin's own model stays as it is",
+];
+const REVERT: [&str; 2] = [
+    "Revert the kept patch",
+    "The twin's own model is that of its robot file again",
+];
+
 /// Residuals are summed up over so long, s.
 const OVER_S: f64 = 10.0;
 /// The traces show so much, s.
@@ -62,10 +72,7 @@ impl Compared {
             .filter_map(first)
             .map(|p| p[0])
             .reduce(f64::min)?;
-        let sum = |channel| -> (f64, usize) {
-            let squares = history.values(channel, from_s, now_s);
-            squares.fold((0.0, 0), |(sum, n), v| (sum + v * v, n + 1))
-        };
+        let sum = |channel| squares(history, channel, [from_s, now_s]);
         let own: [_; SPRINGS] = std::array::from_fn(|i| sum(Channel::SpringResidual(i)));
         let tried: [_; SPRINGS] = std::array::from_fn(|i| sum(Channel::SpringTried(i)));
         let tilts = || (0..IMUS).flat_map(|i| [(i, 1), (i, 2)]);
@@ -82,6 +89,12 @@ impl Compared {
             worst,
         })
     }
+}
+
+/// Sum of the squares of a signal within a span of time, and how many there are.
+fn squares(history: &History, channel: Channel, [from_s, to_s]: [f64; 2]) -> (f64, usize) {
+    let values = history.values(channel, from_s, to_s);
+    values.fold((0.0, 0), |(sum, n), v| (sum + v * v, n + 1))
 }
 
 /// Root mean square of sums of squares with their numbers; `None` of nothing.
@@ -109,8 +122,6 @@ pub struct TriedState {
     seen: Option<(f64, Option<Compared>)>,
     /// The spring whose traces are shown.
     spring: Option<usize>,
-    /// What a trial does not show of the patch of this name.
-    hidden: Option<(String, Vec<String>)>,
 }
 
 impl TriedState {
@@ -125,12 +136,10 @@ impl TriedState {
         let seen = Compared::of(live.history, since_s, now_s);
         self.seen = Some((now_s, seen));
         if let Some(seen) = seen {
+            let range_s = [now_s - OVER_S, now_s];
             let size = |i| {
-                let values = live
-                    .history
-                    .values(Channel::SpringResidual(i), now_s - OVER_S, now_s);
-                let (sum, n) = values.fold((0.0, 0), |(s, n), v| (s + v * v, n + 1));
-                rms([(sum, n)].into_iter()).unwrap_or(0.0)
+                let sum = squares(live.history, Channel::SpringResidual(i), range_s);
+                rms([sum].into_iter()).unwrap_or(0.0)
             };
             let before = self
                 .spring
@@ -192,9 +201,7 @@ fn connected(live: &View<'_>) -> Gate {
 impl GapState {
     /// Whether the patch of the finding can be tried on the running twin, or why not.
     pub fn try_gate(&self, live: &View<'_>) -> Gate {
-        let Some(outcome) = &self.outcome else {
-            return Err("No finding yet: choose sessions and press Find.".into());
-        };
+        let outcome = self.finding()?;
         if !outcome.adds() {
             return Err("There is no effect to try.".into());
         }
@@ -295,7 +302,7 @@ pub fn ui(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &mut Vec
         }
     }
     match &state.outcome {
-        Some(outcome) if outcome.adds() => honest(ui, outcome, &mut state.tried),
+        Some(outcome) if outcome.adds() => honest(ui, outcome),
         _ => {
             note(ui, "A patch of a finding with an effect can be tried here.");
         }
@@ -313,8 +320,8 @@ fn buttons(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &mut Ve
         }
         for (text, hover, gate, command) in [
             (
-                "Drop the patch",
-                "End the trial; the twin's own model stays as it is",
+                DROP[0],
+                DROP[1],
                 drop_gate(live),
                 Command::DropPatch,
             ),
@@ -331,8 +338,8 @@ fn buttons(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &mut Ve
             }
         }
         if live.snapshot.kept_patch.is_some() {
-            let hover = "The twin's own model is that of its robot file again";
-            if ui.button("Revert the kept patch").on_hover_text(hover).clicked() {
+            let [text, hover] = REVERT;
+            if ui.button(text).on_hover_text(hover).clicked() {
                 commands.push(Command::RevertPatch);
             }
         }
@@ -342,7 +349,7 @@ fn buttons(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &mut Ve
 /// What is tried and kept on the running twin, in a line each with the way back; nothing where nothing is.
 pub(super) fn in_short(ui: &mut Ui, live: &View<'_>, orders: &mut Vec<Command>) {
     let s = live.snapshot;
-    let mut line = |text: String, button: &str, hover: &str, command| {
+    let mut line = |text: String, [button, hover]: [&str; 2], command| {
         ui.horizontal_wrapped(|ui| {
             ui.label(text);
             if ui.button(button).on_hover_text(hover).clicked() {
@@ -352,24 +359,17 @@ pub(super) fn in_short(ui: &mut Ui, live: &View<'_>, orders: &mut Vec<Command>) 
     };
     if let Some(tried) = &s.tried {
         let text = format!("◌ Tried: {}", tried.name);
-        let hover = "End the trial; the twin's own model stays as it is";
-        line(text, "Drop the patch", hover, Command::DropPatch);
+        line(text, DROP, Command::DropPatch);
     }
     if let Some(name) = &s.kept_patch {
-        let hover = "The twin's own model is that of its robot file again";
-        let text = format!("● Kept: {name}");
-        line(text, "Revert the kept patch", hover, Command::RevertPatch);
+        line(format!("● Kept: {name}"), REVERT, Command::RevertPatch);
     }
 }
 
 /// What a trial does not show and leaves as it is.
-fn honest(ui: &mut Ui, outcome: &Outcome, state: &mut TriedState) {
+fn honest(ui: &mut Ui, outcome: &Outcome) {
     let patch = outcome.patch();
-    let name = phrase(&patch);
-    let known = state.hidden.take().filter(|(of, _)| *of == name);
-    let (_, hidden) = state
-        .hidden
-        .insert(known.unwrap_or_else(|| (name, over_time(&patch))));
+    let hidden = over_time(&patch);
     if !hidden.is_empty() {
         let text = format!(
             "{}: acts over time. A trial settles the arm at the pressures of the moment and does not show it; Prove does.",
@@ -429,14 +429,12 @@ fn traces(ui: &mut Ui, live: &View<'_>, spring: usize, since_s: f64) {
         Trace {
             name: "twin's model",
             color: p.text,
-            dash: Dash::Solid,
             channel: Channel::SpringResidual(spring),
             from_s: f64::NEG_INFINITY,
         },
         Trace {
             name: "tried",
             color: p.tried(),
-            dash: Dash::Solid,
             channel: Channel::SpringTried(spring),
             from_s: since_s,
         },
@@ -448,7 +446,6 @@ fn traces(ui: &mut Ui, live: &View<'_>, spring: usize, since_s: f64) {
 pub(super) struct Trace {
     pub name: &'static str,
     pub color: Color32,
-    pub dash: Dash,
     pub channel: Channel,
     /// Nothing before is shown, s.
     pub from_s: f64,
@@ -463,7 +460,7 @@ pub(super) fn show(ui: &mut Ui, live: &View<'_>, title: &str, lines: &[Trace]) {
         ui.spacing_mut().item_spacing.x = 5.0;
         for line in lines.iter().filter(|_| lines.len() > 1) {
             ui.add_space(6.0);
-            swatch(ui, line.color, line.dash);
+            swatch(ui, line.color, Dash::Solid);
             ui.label(RichText::new(line.name).small().color(p.weak));
         }
     });

@@ -23,40 +23,7 @@ pub enum Choice {
 }
 
 /// One entry.
-pub struct Entry {
-    /// The screen it acts on, or what it concerns.
-    pub group: &'static str,
-    /// What it does, in words.
-    pub name: String,
-    /// Other words it is found by.
-    pub words: &'static str,
-    /// Its shortcut; may be empty.
-    pub keys: &'static str,
-    /// Whether it is possible now, or why not.
-    pub gate: Gate,
-    /// What it does.
-    pub task: Choice,
-}
-
-impl Entry {
-    fn new(group: &'static str, action: Action<Choice>) -> Self {
-        let Action {
-            name,
-            words,
-            keys,
-            gate,
-            task,
-        } = action;
-        Self {
-            group,
-            name,
-            words,
-            keys,
-            gate,
-            task,
-        }
-    }
-}
+pub type Entry = Action<Choice>;
 
 /// Everything that can be done, with what stands in the way of what cannot be done now. `typed` may have a number that
 /// an action needs.
@@ -68,7 +35,7 @@ pub fn entries(
 ) -> Vec<Entry> {
     let mut found = Vec::new();
     let mut take = |group, all: List| {
-        found.extend(all.0.into_iter().map(|action| Entry::new(group, action)));
+        found.extend(all.0.into_iter().map(|action| Entry { group, ..action }));
     };
     let mut of_window = List::default();
     window(&mut of_window, known, connection);
@@ -85,17 +52,18 @@ pub fn entries(
             Task::Twin(command) => Choice::Twin(command),
             task => Choice::Screen(id, task),
         });
-        Entry::new(group, action)
+        Entry { group, ..action }
     }));
     found
 }
 
 #[derive(Default)]
-struct List(Vec<Action<Choice>>);
+struct List(Vec<Entry>);
 
 impl List {
     fn add(&mut self, name: impl Into<String>, words: &'static str, gate: Gate, task: Choice) {
-        self.0.push(Action {
+        self.0.push(Entry {
+            group: "",
             name: name.into(),
             words,
             keys: "",

@@ -3,7 +3,7 @@
 use egui::{Id, TextStyle, Ui};
 use egui_plot::{AxisHints, GridMark};
 
-use super::ticks::{marks, marks_of_decades};
+use super::ticks::{decimals_of, marks, marks_of_decades};
 use crate::gui::panels::widgets::number;
 use crate::gui::view::View;
 
@@ -94,7 +94,7 @@ pub(super) fn hints(ui: &Ui, width: f32, decimals: usize, scale: Scale) -> AxisH
         .formatter(move |mark, _| {
             let decimals = match scale {
                 Scale::Linear => decimals,
-                Scale::Log => (-(mark.value + 1e-9).floor()).clamp(0.0, 6.0) as usize,
+                Scale::Log => decimals_of(scale.value(mark.value)),
             };
             number(scale.value(mark.value), decimals)
         })

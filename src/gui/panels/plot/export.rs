@@ -38,12 +38,12 @@ impl Format {
         }
     }
 
-    /// Name of the button that writes it.
-    pub fn action(self) -> &'static str {
+    /// What it is called once it is written.
+    fn written(self) -> &'static str {
         match self {
-            Self::Csv => "Export CSV",
-            Self::Png => "Export PNG",
-            Self::Svg => "Export SVG",
+            Self::Csv => "the table",
+            Self::Png => "the picture",
+            Self::Svg => "the drawing",
         }
     }
 
@@ -80,8 +80,6 @@ struct Ready {
     format: Format,
     /// Suggested name of the file.
     name: String,
-    /// What it is called once it is written.
-    what: String,
     /// Its bytes; a picture is taken once the path is known.
     content: Option<Content>,
 }
@@ -119,25 +117,22 @@ impl Export {
             return;
         };
         let range_s = visible(view, window);
-        let (done, content): (String, Option<Content>) = match format {
-            Format::Png => ("the picture".into(), None),
+        let content: Option<Content> = match format {
+            Format::Png => None,
             Format::Csv => {
                 let table = Table::of(view, range_s, strips);
                 let origin = view.origin();
-                let text = move || Ok(table.csv(origin).into_bytes());
-                ("the table".into(), Some(Box::new(text)))
+                Some(Box::new(move || Ok(table.csv(origin).into_bytes())))
             }
             Format::Svg => {
                 let charts = charts(view, range_s, strips);
-                let content = move || Ok(drawing(&charts).into_bytes());
-                ("the drawing".into(), Some(Box::new(content)))
+                Some(Box::new(move || Ok(drawing(&charts).into_bytes())))
             }
         };
         self.saving.cancel();
         self.ready = Some(Ready {
             format,
             name: file_name(view, what, format.extension()),
-            what: done,
             content,
         });
     }
@@ -147,7 +142,8 @@ impl Export {
         self.saving.poll();
         let rect = self.shown.unwrap_or_else(|| ui.max_rect());
         if let Some((to, content)) = self.picture.poll(ui, rect) {
-            self.saving.write(to, "the picture", content, services);
+            self.saving
+                .write(to, Format::Png.written(), content, services);
         }
         if let Some(ready) = &self.ready
             && !self.saving.is_asking()
@@ -203,7 +199,9 @@ impl Export {
             return;
         };
         match ready.content {
-            Some(content) => self.saving.write(to, ready.what, content, services),
+            Some(content) => self
+                .saving
+                .write(to, ready.format.written(), content, services),
             None => self.picture.take(to),
         }
     }

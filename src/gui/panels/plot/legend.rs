@@ -13,8 +13,8 @@ use crate::gui::view::View;
 pub(super) struct Entry {
     /// What is written.
     text: String,
-    /// What it means, for screen readers.
-    meaning: String,
+    /// What it means, for screen readers, where that is not what is written.
+    meaning: Option<String>,
     color: Color32,
     dash: Dash,
 }
@@ -45,18 +45,22 @@ pub(super) fn entries(
             (None, "") => return None,
             (None, name) => name.to_owned(),
         };
-        let meaning = match &delta {
-            Some(delta) => format!("{}: B − A {delta} {unit}", names::name(s.channel)),
-            None => text.clone(),
-        };
+        let meaning =
+            delta.map(|delta| format!("{}: B − A {delta} {unit}", names::name(s.channel)));
         Some(entry(p, text, meaning, s.channel, s.dash))
     });
     let more = drawn.iter().filter(|d| named && !d.name.is_empty());
-    let more = more.map(|d| entry(p, d.name.clone(), d.name.clone(), d.channel, d.dash));
+    let more = more.map(|d| entry(p, d.name.clone(), None, d.channel, d.dash));
     own.chain(more).collect()
 }
 
-fn entry(p: &Palette, text: String, meaning: String, channel: Channel, dash: Dash) -> Entry {
+fn entry(
+    p: &Palette,
+    text: String,
+    meaning: Option<String>,
+    channel: Channel,
+    dash: Dash,
+) -> Entry {
     Entry {
         text,
         meaning,
@@ -110,8 +114,8 @@ pub(super) fn row(
         }
         for e in entries[..shown].iter().rev() {
             let label = small(ui, &e.text, p.weak);
-            if e.meaning != e.text {
-                label.accessible_name(&e.meaning);
+            if let Some(meaning) = &e.meaning {
+                label.accessible_name(meaning);
             }
             swatch(ui, e.color, e.dash);
             ui.add_space(5.0);
@@ -159,13 +163,18 @@ fn small(ui: &mut Ui, text: &str, color: Color32) -> Response {
 // How many names have space.
 fn fitting(ui: &Ui, entries: &[Entry]) -> usize {
     let font = egui::TextStyle::Small.resolve(ui.style());
+    let space = ui.available_width();
+    // No character is wider than the font is high: mostly there is nothing to measure.
+    let most = |e: &Entry| e.text.chars().count() as f32 * font.size + SWATCH;
+    if entries.iter().map(most).sum::<f32>() <= space {
+        return entries.len();
+    }
     let width = |e: &Entry| {
         let text = e.text.clone();
         let galley = ui.painter().layout_no_wrap(text, font.clone(), e.color);
         galley.size().x + SWATCH
     };
     let widths: Vec<f32> = entries.iter().map(width).collect();
-    let space = ui.available_width();
     if widths.iter().sum::<f32>() <= space {
         return entries.len();
     }

@@ -104,3 +104,11 @@ fn logarithmic_axes_have_powers_of_ten() {
     assert_eq!(fine, [1000.0, 2000.0, 5000.0, 10_000.0]);
     assert!(values(f64::NAN, 1.0, 100.0).is_empty());
 }
+
+#[test]
+fn the_range_holds_all_points_and_is_never_less_than_the_least() {
+    let [low, high] = span_of([1.0, f64::NAN, 3.0].into_iter(), 0.5);
+    assert!(low < 1.0 && high > 3.0 && high - low < 2.3, "{low} {high}");
+    assert_eq!(span_of([2.0].into_iter(), 1.0), [1.5, 2.5]);
+    assert_eq!(span_of(std::iter::empty(), 1.0), [-0.5, 0.5]);
+}

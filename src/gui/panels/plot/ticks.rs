@@ -60,7 +60,7 @@ fn finer(step: f64) -> f64 {
     }
 }
 
-fn decimals_of(step: f64) -> usize {
+pub(super) fn decimals_of(step: f64) -> usize {
     if step.is_finite() && step > 0.0 {
         (-(step.log10() + 1e-9).floor()).clamp(0.0, 6.0) as usize
     } else {

@@ -87,7 +87,7 @@ fn menu(ui: &mut Ui, view: &View<'_>, window: &mut TimeWindow, export: &mut Expo
 
 fn formats(ui: &mut Ui, export: &mut Export) {
     for format in Format::ALL {
-        let button = ui.button(format.action());
+        let button = ui.button(format!("Export {}", format.name()));
         if button.on_hover_text(format.hover()).clicked() {
             export.wanted = Some(format);
         }

@@ -192,7 +192,9 @@ impl Columns {
             let taken: f32 = shown.filter(|w| *w > 0.0).map(|w| w + GAP).sum();
             width - taken - STATE - MORE - 3.0 * GAP - 12.0
         };
-        for column in [Self::size, Self::source, Self::length] {
+        let give_way: [fn(&mut Self) -> &mut f32; 3] =
+            [|c| &mut c.size, |c| &mut c.source, |c| &mut c.length];
+        for column in give_way {
             if rest(&all) < NAME {
                 *column(&mut all) = 0.0;
             }
@@ -209,18 +211,6 @@ impl Columns {
         };
         all.name = (rest - taken).max(60.0);
         all
-    }
-
-    fn size(&mut self) -> &mut f32 {
-        &mut self.size
-    }
-
-    fn source(&mut self) -> &mut f32 {
-        &mut self.source
-    }
-
-    fn length(&mut self) -> &mut f32 {
-        &mut self.length
     }
 }
 
@@ -246,10 +236,10 @@ fn list(
         .show(ui, |ui| {
             ui.spacing_mut().item_spacing.y = 2.0;
             let found = |e: &&RecordingEntry| notes::is_found(e, &library.search);
-            if !entries.iter().any(|e| found(&e)) {
+            let shown: Vec<&RecordingEntry> = entries.iter().filter(found).collect();
+            if shown.is_empty() {
                 note(ui, "Nothing is found: shorten what is searched for.");
             }
-            let shown: Vec<&RecordingEntry> = entries.iter().filter(found).collect();
             heights.resize(shown.len(), f32::INFINITY);
             for (entry, height) in shown.into_iter().zip(&mut heights) {
                 // What is out of sight keeps its place and costs nothing.

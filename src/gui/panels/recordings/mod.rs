@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 
 use egui::{Ui, vec2};
 
+use super::operating::recording_gate;
 use super::widgets::pane;
 use crate::analysis::findings::Findings;
 use crate::analysis::player::Player;
@@ -25,7 +26,7 @@ use crate::gui::panels::plot::TimeWindow;
 use crate::gui::services::gap::Part;
 use crate::gui::services::{Dialog, DialogKind, Job, Pending, RecordingEntry, Services};
 use crate::gui::theme::Palette;
-use crate::gui::view::View;
+use crate::gui::view::{Gate, View};
 use crate::twin::Command;
 use pair::Pair;
 
@@ -34,7 +35,6 @@ pub use act::{Act, act_gate};
 pub use library::size_text;
 pub use notes::{mark_gate, mark_now};
 pub use pair::{Compared, Quantity, Side};
-pub use rename::rename_gate;
 pub use rolling::{in_strip, keep, keep_gate};
 pub use shown::played_title;
 pub use sort::{By, Sort};
@@ -122,6 +122,20 @@ impl Library {
         self.rolling.ask(services);
         let found = (services.scan)(services.recordings.path());
         self.scanning.begin(found);
+    }
+
+    /// Whether a recording may be begun or ended, or why not.
+    pub fn record_gate(&self, live: &View<'_>, twin_gone: bool) -> Gate {
+        match self.is_naming() {
+            true => Err("The recording's file is being made.".into()),
+            false => recording_gate(live, twin_gone),
+        }
+    }
+
+    /// Ends the recording under way, with its note as it is now.
+    pub fn end_recording(&mut self, commands: &mut Vec<Command>) {
+        commands.extend(self.rec.changed_note());
+        commands.push(Command::StopRecording);
     }
 
     /// Begins a recording as soon as it has a file.

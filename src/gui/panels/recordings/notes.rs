@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{Button, Key, RichText, Sense, TextEdit, Ui, vec2};
+use egui::{Button, RichText, Sense, TextEdit, Ui, vec2};
 
 use super::typed::LONGEST;
 use super::{Library, Trouble};
 use crate::analysis::player::Player;
-use crate::gui::panels::widgets::{Gate, gated, note, number, tenths};
+use crate::gui::panels::widgets::{Gate, by_enter, gated, note, number, tenths};
 use crate::gui::services::{Pending, Services};
 use crate::gui::theme::Palette;
 use crate::gui::view::View;
@@ -155,7 +155,7 @@ pub fn ui(ui: &mut Ui, library: &mut Library, player: &mut Player, services: &mu
             .desired_width(width)
             .hint_text("text of the mark");
         let field = ui.add(field).accessible_name("Text of the mark");
-        let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+        let entered = by_enter(&field);
         let typed: Gate = match notes.mark.trim() {
             "" => Err("Type the text of the mark first.".into()),
             _ => gate.clone(),

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{Button, Key, TextEdit, Ui};
+use egui::{Button, TextEdit, Ui};
 
 use super::{Library, Trouble};
 use crate::analysis::player::Player;
-use crate::gui::panels::widgets::{Gate, gated};
+use crate::gui::panels::widgets::{Gate, by_enter, gated};
 use crate::gui::services::{Pending, RecordingEntry, Services};
 
 /// Most characters of a name.
@@ -141,7 +141,7 @@ pub fn ui(
             field.request_focus();
             field.scroll_to_me(None);
         }
-        let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+        let entered = by_enter(&field);
         let hover = "Rename its files; nothing is replaced";
         let pressed = gated(ui, &gate, Button::new("Rename"), hover).clicked();
         settled = gate.is_ok() && (pressed || entered);

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{Align, Button, Key, Layout, RichText, ScrollArea, TextEdit, Ui, vec2};
+use egui::{Align, Button, Layout, RichText, ScrollArea, TextEdit, Ui, vec2};
 
 use super::act::{Act, act_gate};
 use super::library::{date_text, size_text, source_text};
@@ -10,8 +10,7 @@ use super::typed::LONGEST;
 use super::{Library, RecordingsInput, Side, details, notes, shown};
 use crate::analysis::player::Player;
 use crate::gui::panels::files::{copy_path, path_label};
-use crate::gui::panels::operating::recording_gate;
-use crate::gui::panels::widgets::{Gate, gated, minutes, note, status};
+use crate::gui::panels::widgets::{Gate, by_enter, gated, minutes, note, status};
 use crate::gui::services::gap::Part;
 use crate::gui::services::{Pending, RecordingEntry, Services};
 use crate::gui::theme::Level;
@@ -217,7 +216,7 @@ fn note_on(
                 .on_hover_text(
                     "What the library finds the recording by, besides its name; Enter saves it",
                 );
-            let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+            let entered = by_enter(&field);
             changed = gate.is_ok() && (pressed || entered);
         });
     });
@@ -268,11 +267,11 @@ fn nothing_selected(
         Some(_) => Ok(()),
         None => Err("There is no recording yet.".into()),
     };
-    let record = match (library.is_naming(), &input.live.snapshot.recording) {
-        (true, _) => Err("The recording's file is being made.".into()),
-        (_, Some(_)) => Err("A recording runs: ■ REC in the top bar ends it.".into()),
-        (false, None) => recording_gate(&input.live, input.twin_gone),
-    };
+    let record = library.record_gate(&input.live, input.twin_gone);
+    let record = record.and(match input.live.snapshot.recording {
+        Some(_) => Err("A recording runs: ■ REC in the top bar ends it.".into()),
+        None => Ok(()),
+    });
     if line(
         ui,
         &record,

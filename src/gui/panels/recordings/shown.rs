@@ -6,7 +6,9 @@ use super::details::{cut_sentence, thinned_sentence};
 use super::{Compared, Library, Quantity, RecordingsInput, Side, notes};
 use crate::analysis::history::{Channel, History};
 use crate::analysis::player::{AtEnd, Player, SPEEDS, Transport};
-use crate::gui::panels::plot::{Drawn, Extras, Legend, Series, TimePlot, TimeWindow, stack};
+use crate::gui::panels::plot::{
+    Drawn, Extras, Legend, Series, TimePlot, TimeWindow, clock_text, stack,
+};
 use crate::gui::panels::widgets::{Gate, gated, minutes, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::theme::Level;
@@ -148,7 +150,7 @@ fn controls(ui: &mut Ui, p: &mut Player) {
         )
         .accessible_name("Position in the recording, s")
         .on_hover_text("Position in the recording, s");
-        let text = format!("{} of {}", hundredths(p.position_s), minutes(duration));
+        let text = format!("{} of {}", clock_text(p.position_s, 2), minutes(duration));
         ui.add(egui::Label::new(RichText::new(text).small()).truncate())
             .on_hover_text("Position and length of the recording, min:s");
     });
@@ -259,12 +261,6 @@ fn speeds(ui: &mut Ui, p: &mut Player) {
         .accessible_name("Speed")
         .on_hover_text("Seconds of recording per second, in the direction of play");
     p.speed = speed.copysign(p.speed);
-}
-
-/// A time as m:ss with hundredths: samples are 10 ms apart.
-fn hundredths(t_s: f64) -> String {
-    let n = (t_s * 100.0).round() as u64;
-    format!("{}:{:02}.{:02}", n / 6_000, n / 100 % 60, n % 100)
 }
 
 // Which recording, or both.

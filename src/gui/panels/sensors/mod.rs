@@ -7,7 +7,7 @@ mod state;
 pub use state::{Reading, SensorsState, axes};
 use state::{channel_age_s, spring_channel};
 
-use egui::{RichText, Sense, Stroke, TextStyle, Ui, vec2};
+use egui::{RichText, Sense, Stroke, Ui, vec2};
 
 use super::plot::{TimeWindow, sparkline, sparkline_of};
 use super::widgets::{
@@ -339,10 +339,7 @@ fn spring_row(
             }
             length_bar(ui, view, frame, i, [rest.max(24.0), 14.0]);
         });
-        let text = match level {
-            Level::Normal => p.text,
-            _ => p.level(level),
-        };
+        let text = p.level_text(level);
         let unit = spring_channel(state.reading, i).unit();
         nis_meter(
             ui,
@@ -353,7 +350,7 @@ fn spring_row(
         let band_mm = evidence.extra_sigma * 1e3;
         stacked(ui, value_width, |ui| {
             let value = RichText::new(number(value, decimals)).color(text);
-            low_cell(ui, value_width, TextStyle::Body, value)
+            low_cell(ui, value)
                 .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
             if band_mm >= BAND_LEAST_MM {
                 let color = match evidence.extra_sigma {
@@ -361,7 +358,7 @@ fn spring_row(
                     _ => p.level(level),
                 };
                 let band = RichText::new(format!("± {}", number(band_mm, 2)));
-                low_cell(ui, value_width, TextStyle::Small, band.small().color(color)).on_hover_text(
+                low_cell(ui, band.small().color(color)).on_hover_text(
                     "Band in mm: standard deviation beyond the usual noise. It grows with what is out",
                 );
             }
@@ -371,15 +368,15 @@ fn spring_row(
         let old = old.map_or("—".into(), age);
         stacked(ui, age_width, |ui| {
             let old = RichText::new(old).small().color(p.weak);
-            low_cell(ui, age_width, TextStyle::Small, old)
+            low_cell(ui, old)
                 .on_hover_text("Age of the newest reading");
             if let Some((probability, level)) = fault_probability(&evidence) {
                 let text = RichText::new(probability).small().color(p.level(level));
-                low_cell(ui, age_width, TextStyle::Small, text)
+                low_cell(ui, text)
                     .on_hover_text("Probability that this spring is faulty");
             } else {
                 let text = RichText::new(nis_text(frame.quality.nis[i])).small();
-                low_cell(ui, age_width, TextStyle::Small, text.color(p.weak))
+                low_cell(ui, text.color(p.weak))
                     .on_hover_text(nis_words(frame.quality.nis[i]));
             }
         });
@@ -444,10 +441,7 @@ fn large_row(
     let (sign, hover) = condition_of(frame, i);
     let evidence = frame.spring_evidence(i);
     let nis = frame.quality.nis[i];
-    let color = match level {
-        Level::Normal => p.text,
-        level => p.level(level),
-    };
+    let color = p.level_text(level);
     let [value_width, words_width] = [100.0, 200.0];
     ui.horizontal_top(|ui| {
         ui.set_height(height);
@@ -468,18 +462,11 @@ fn large_row(
             length_bar(ui, view, frame, i, [rest, 24.0]);
         });
         nis_meter(ui, &format!("Spring {} NIS", spring_name(i)), nis);
-        ui.vertical(|ui| {
-            ui.spacing_mut().item_spacing.y = 0.0;
-            ui.set_width(value_width);
+        stacked(ui, value_width, |ui| {
             let unit = spring_channel(state.reading, i).unit();
             let figure = RichText::new(number(value, decimals)).heading();
-            low_cell(
-                ui,
-                value_width,
-                TextStyle::Heading,
-                figure.strong().color(color),
-            )
-            .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
+            low_cell(ui, figure.strong().color(color))
+                .on_hover_text(format!("Spring {} in {unit}", spring_name(i)));
             let band_mm = evidence.extra_sigma * 1e3;
             if band_mm >= BAND_LEAST_MM {
                 let color = match evidence.extra_sigma {
@@ -487,7 +474,7 @@ fn large_row(
                     _ => p.level(level),
                 };
                 let band = RichText::new(format!("± {} mm", number(band_mm, 2))).small();
-                low_cell(ui, value_width, TextStyle::Small, band.color(color))
+                low_cell(ui, band.color(color))
                     .on_hover_text("Band: standard deviation beyond the usual noise");
             }
         });
@@ -505,10 +492,7 @@ fn large_row(
                 (format!("residual {} mm", number(residual_mm, 2)), p.weak),
                 (
                     format!("{}: {}", nis_text(nis), nis_words(nis)),
-                    match nis_level(nis) {
-                        Level::Normal => p.weak,
-                        level => p.level(level),
-                    },
+                    p.level(nis_level(nis)),
                 ),
             ];
             for (text, color) in lines {
@@ -528,25 +512,20 @@ const BAND_LEAST_MM: f64 = 0.005;
 /// Height of a spring's row: a figure and a small one below it, points.
 const ROW_HEIGHT: f32 = 29.0;
 
-/// A figure with another one below it, if there is one.
+/// A right-aligned figure with another one below it, if there is one.
 fn stacked(ui: &mut Ui, width: f32, lines: impl FnOnce(&mut Ui)) {
-    ui.vertical(|ui| {
+    let size = vec2(width, ROW_HEIGHT);
+    let layout = egui::Layout::top_down(egui::Align::Max);
+    ui.allocate_ui_with_layout(size, layout, |ui| {
         ui.spacing_mut().item_spacing.y = 0.0;
-        ui.set_width(width);
-        ui.set_min_height(ROW_HEIGHT);
+        ui.set_min_size(size);
         lines(ui);
     });
 }
 
-/// A right-aligned figure, as low as its text.
-fn low_cell(ui: &mut Ui, width: f32, style: TextStyle, text: RichText) -> egui::Response {
-    let size = vec2(width, ui.text_style_height(&style));
-    let layout = egui::Layout::right_to_left(egui::Align::Center);
-    ui.allocate_ui_with_layout(size, layout, |ui| {
-        ui.set_min_size(size);
-        ui.add(egui::Label::new(text).truncate())
-    })
-    .inner
+/// A figure of a stack.
+fn low_cell(ui: &mut Ui, text: RichText) -> egui::Response {
+    ui.add(egui::Label::new(text).truncate())
 }
 
 fn length_bar(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, i: usize, size: [f32; 2]) {

@@ -108,10 +108,7 @@ fn imus(ui: &mut Ui, view: &View<'_>, frame: &SensorFrame, reading: Reading, sca
             );
             if nis_width > 0.0 {
                 let nis = frame.quality.nis[SPRINGS + i];
-                let color = match nis_level(nis) {
-                    Level::Normal => p.weak,
-                    level => p.level(level),
-                };
+                let color = p.level(nis_level(nis));
                 let text = RichText::new(number(nis, 1)).small().color(color);
                 cell(ui, nis_width, text).on_hover_text(nis_words(nis));
             }
