@@ -9,63 +9,20 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
-use serde::{Deserialize, Serialize};
 
+use super::list::{Entry, VersionList, lock_folder};
 use super::versions::{Kept, NewVersion, Version};
 use crate::drive::{Instruments, model, read_toml};
-use crate::recording::{wait_for_lock, write_bytes, write_text};
+use crate::recording::{write_bytes, write_text};
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
 use crate::sensing::registration::Registration;
-use crate::signal::toml_error;
 
-const INDEX: &str = "versions.toml";
-/// Format of the list that this program writes; a list without a number has format 1.
-const FORMAT: u32 = 1;
-/// Name of the empty file that is locked while the folder is changed.
-const LOCK: &str = "lock";
 /// Digits of the robot file's hash in the folder's name.
 const HASH_DIGITS: usize = 12;
 
-/// The list of versions in the file.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Index {
-    #[serde(default = "first_format")]
-    format: u32,
-    active: u32,
-    #[serde(default)]
-    version: Vec<Entry>,
-}
-
-fn first_format() -> u32 {
-    1
-}
-
-impl Default for Index {
-    fn default() -> Self {
-        Self {
-            format: FORMAT,
-            active: 0,
-            version: Vec::new(),
-        }
-    }
-}
-
-/// The part that a list of any format has.
-#[derive(Deserialize)]
-struct Head {
-    #[serde(default = "first_format")]
-    format: u32,
-}
-
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Entry {
-    number: u32,
-    date: String,
-    note: String,
-}
+/// What one can do without the list.
+const OTHERWISE: &str = "name a calibration with --calibration";
 
 /// Files of a version.
 #[derive(Clone, Debug, PartialEq)]
@@ -120,27 +77,8 @@ impl Store {
         self.folder.join(format!("networks-{number}.safetensors"))
     }
 
-    fn index(&self) -> Result<Index> {
-        let path = self.folder.join(INDEX);
-        if !path.exists() {
-            return Ok(Index::default());
-        }
-        let text = read_toml(&path)?;
-        let damaged =
-            |e| anyhow::anyhow!("{} is damaged: {}", path.display(), toml_error(&text, &e));
-        let Head { format } = toml::from_str(&text).map_err(damaged)?;
-        anyhow::ensure!(
-            format <= FORMAT,
-            "{} was written by a newer springtwin (format {format}, this one reads up to {FORMAT}): use that version, \
-             or name a calibration with --calibration",
-            path.display()
-        );
-        toml::from_str(&text).map_err(damaged)
-    }
-
-    fn write_index(&self, index: &Index) -> Result<()> {
-        write_text(&self.folder.join(INDEX), &toml::to_string(index)?)?;
-        Ok(())
+    fn index(&self) -> Result<VersionList> {
+        VersionList::read(&self.folder, OTHERWISE)
     }
 
     fn calibration(&self, number: u32) -> Result<Calibration> {
@@ -262,22 +200,14 @@ impl Store {
         (out, trouble)
     }
 
-    /// Locks the folder against changes by other processes until the result is dropped.
-    fn lock(&self) -> Result<std::fs::File> {
-        std::fs::create_dir_all(&self.folder)
-            .with_context(|| format!("cannot make the folder {}", self.folder.display()))?;
-        let path = self.folder.join(LOCK);
-        wait_for_lock(&path).with_context(|| format!("cannot lock {}", path.display()))
-    }
-
     /// Saves a version of `date` and makes it the active one; its number.
     ///
     /// # Errors
     /// When the list cannot be read, or a file cannot be written.
     pub fn save(&self, new: NewVersion, date: &str) -> Result<u32> {
-        let _lock = self.lock()?;
+        let _lock = lock_folder(&self.folder)?;
         let mut index = self.index()?;
-        let number = index.version.iter().map(|e| e.number).max().unwrap_or(0) + 1;
+        let number = index.next();
         let mut calibration = Calibration {
             date: date.to_owned(),
             ..new.calibration
@@ -303,13 +233,8 @@ impl Store {
             Some(bytes) => write_bytes(&networks, &bytes)?,
             None => remove_left(&networks)?,
         }
-        index.active = number;
-        index.version.push(Entry {
-            number,
-            date: date.to_owned(),
-            note: new.note,
-        });
-        self.write_index(&index)?;
+        index.add(date, new.note);
+        index.write(&self.folder)?;
         Ok(number)
     }
 
@@ -318,7 +243,7 @@ impl Store {
     /// # Errors
     /// When there is no such version, or it cannot be read, or the list cannot be written.
     pub fn activate(&self, number: u32) -> Result<()> {
-        let _lock = self.lock()?;
+        let _lock = lock_folder(&self.folder)?;
         let mut index = self.index()?;
         anyhow::ensure!(
             index.version.iter().any(|e| e.number == number),
@@ -328,7 +253,7 @@ impl Store {
         // A version that does not load must not become the one that the program starts with.
         self.kept(number)?;
         index.active = number;
-        self.write_index(&index)
+        index.write(&self.folder)
     }
 }
 
@@ -347,6 +272,7 @@ pub fn sentence(e: anyhow::Error) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::list::INDEX;
     use super::*;
 
     fn version(name: &str) -> NewVersion {

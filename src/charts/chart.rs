@@ -3,7 +3,7 @@
 use super::svg::{at, escape, fixed, label, line, path, rect, ticks};
 
 /// Colours that stay apart for colour-blind eyes (Okabe and Ito), the first for references.
-const COLOURS: [&str; 8] = [
+pub(super) const COLOURS: [&str; 8] = [
     "#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#999933",
 ];
 
@@ -129,14 +129,14 @@ fn picture(wide: f64, high: f64, title: &str, body: &str) -> String {
 }
 
 /// Least and greatest value.
-fn span(values: impl Iterator<Item = f64>) -> [f64; 2] {
+pub(super) fn span(values: impl Iterator<Item = f64>) -> [f64; 2] {
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[lo, hi], v| {
         [lo.min(v), hi.max(v)]
     })
 }
 
 /// A range that is a twentieth wider on either side.
-fn padded([lo, hi]: [f64; 2]) -> [f64; 2] {
+pub(super) fn padded([lo, hi]: [f64; 2]) -> [f64; 2] {
     let pad = (0.05 * (hi - lo)).max(1e-3);
     [lo - pad, hi + pad]
 }
@@ -147,7 +147,7 @@ fn from_zero(values: impl Iterator<Item = f64>) -> [f64; 2] {
 }
 
 /// Positions on an axis with their texts, about `count` of them.
-fn marks([lo, hi]: [f64; 2], count: usize, logarithmic: bool) -> Vec<(f64, String)> {
+pub(super) fn marks([lo, hi]: [f64; 2], count: usize, logarithmic: bool) -> Vec<(f64, String)> {
     if logarithmic {
         let (first, last) = (lo.floor() as i32, hi.ceil() as i32);
         let all = (first..=last).flat_map(|k| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(k)));

@@ -1,4 +1,4 @@
-//! `import`: a motion-capture file, or another lab's log, becomes a session.
+//! `import`: a motion-capture file, an MCAP file, or another lab's log, becomes a session.
 
 use std::path::{Path, PathBuf};
 
@@ -8,9 +8,9 @@ use serde_json::{Value, json};
 
 use super::outputs::Overwrite;
 use super::{Report, args};
-use springtwin::lab::import::{Chosen, Imported, Options, import};
+use springtwin::lab::import::{Chosen, Imported, Options, import, import_bag};
 use springtwin::lab::import_log::{self, ImportedLog, Shift, import_log};
-use springtwin::recording::{MarkerBody, MocapRotation};
+use springtwin::recording::{MarkerBody, MocapRotation, OwnBag, is_mcap};
 use springtwin::robot::RobotSpec;
 
 #[derive(Args)]
@@ -18,7 +18,7 @@ use springtwin::robot::RobotSpec;
 pub struct ImportArgs {
     #[command(subcommand)]
     log: Option<ImportCommand>,
-    /// Vicon CSV (Trajectories, Segments, Tracker objects), OptiTrack Motive CSV, or C3D
+    /// Vicon CSV (Trajectories, Segments, Tracker objects), OptiTrack Motive CSV, C3D, or MCAP that springtwin wrote
     #[arg(required = true)]
     file: Option<PathBuf>,
     /// Folder for the session
@@ -53,16 +53,16 @@ pub struct ImportArgs {
 
 #[derive(Subcommand)]
 enum ImportCommand {
-    /// Make a session of another lab's log, by a map of its columns
+    /// Make a session of another lab's log or ROS 2 bag, by a map of its columns or topics
     Log(LogArgs),
 }
 
 #[derive(Args)]
 struct LogArgs {
-    /// What the columns hold (assets/logs/asu-arm.toml is one)
+    /// What the columns hold (assets/logs/asu-arm.toml is one), or the topics (assets/logs/ros2-bag.toml)
     #[arg(value_name = "MAP.toml")]
     map: PathBuf,
-    /// The log: text in columns
+    /// The log: text in columns, or a ROS 2 bag (.mcap)
     file: PathBuf,
     /// Folder for the session
     #[arg(long, value_name = "SESSION")]
@@ -75,7 +75,7 @@ struct LogArgs {
     /// What to add to the times of the motion capture, s; `auto` finds it: where pressures change, the arm moves
     #[arg(long, value_name = "S|auto", default_value = "0", value_parser = shift, allow_hyphen_values = true)]
     shift: Shift,
-    /// Only this part, in seconds of the log's own clock
+    /// Only this part, in seconds of the log's own clock; of a bag from its first row on
     #[arg(long, value_name = "FROM:TO", value_parser = args::window)]
     window: Option<[f64; 2]>,
 }
@@ -105,6 +105,17 @@ impl From<Rotation> for MocapRotation {
     }
 }
 
+impl ImportArgs {
+    /// Whether nothing of the file is chosen.
+    fn takes_whole(&self) -> bool {
+        self.object.is_none()
+            && self.markers.is_none()
+            && self.subject.is_none()
+            && self.registration.is_none()
+            && self.rotation.is_none()
+    }
+}
+
 /// `import`.
 pub fn run(a: &ImportArgs, robot: &RobotSpec) -> Result<Report> {
     if let Some(ImportCommand::Log(a)) = &a.log {
@@ -114,6 +125,15 @@ pub fn run(a: &ImportArgs, robot: &RobotSpec) -> Result<Report> {
         anyhow::bail!("name the file, and the session's folder with --out");
     };
     a.overwrite.folder(out)?;
+    if is_mcap(file) {
+        anyhow::ensure!(
+            a.takes_whole(),
+            "--object, --markers, --subject, --registration, --robot-clock and --rotation are for files of motion capture: leave \
+             them out for {}",
+            file.display()
+        );
+        return Ok(bag_report(&import_bag(file, out)?, file, out));
+    }
     let imported = import(&Options {
         file: file.clone(),
         out: out.clone(),
@@ -142,6 +162,33 @@ fn log(a: &LogArgs, robot: &RobotSpec) -> Result<Report> {
         robot,
     )?;
     Ok(log_report(&imported, a))
+}
+
+fn bag_report(bag: &OwnBag, file: &Path, out: &Path) -> Report {
+    let log = &bag.log;
+    let seen = log.truth.iter().flatten().count();
+    let [from_s, to_s] = [log.t_s.first(), log.t_s.last()].map(|t| t.copied().unwrap_or_default());
+    let kind = match bag.simulated {
+        Some(true) => ", simulated",
+        _ => "",
+    };
+    let mut text = format!(
+        "{}: {} samples at {:.0} Hz from {from_s:.2} to {to_s:.2} s, {seen} with a pose of the tip{kind}",
+        file.display(),
+        log.len(),
+        log.rate_hz
+    );
+    if log.cut {
+        text += "\nnote: the file ends within a record: what is before it was read";
+    }
+    text += &format!("\nsession in {}", out.display());
+    Report {
+        json: json!({
+            "samples": log.len(), "rate_hz": log.rate_hz, "from_s": from_s, "to_s": to_s, "poses": seen,
+            "simulated": bag.simulated, "begun": bag.begun, "cut": log.cut,
+        }),
+        text,
+    }
 }
 
 fn log_report(imported: &ImportedLog, a: &LogArgs) -> Report {

@@ -13,6 +13,8 @@ mod dataset;
 mod doctor;
 mod drive;
 mod estimate;
+#[cfg(feature = "gui")]
+mod figure;
 mod files;
 mod gap;
 mod gap_bench;
@@ -45,6 +47,8 @@ mod stdio;
 mod study;
 mod train;
 mod user;
+#[cfg(feature = "gui")]
+mod video;
 #[cfg(feature = "gui")]
 mod window;
 

@@ -1,11 +1,13 @@
-//! Pictures of the arm at rest, by either simulator.
+//! Pictures: of the arm at rest, by either simulator, and of figures for print.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
+use clap::ValueEnum;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 
+use springtwin::charts::{Anchor, FONT_PT, Figure, Mark, Rgb};
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::scene::{Picking, Scene, SceneInput, Theme};
 use springtwin::gui::theme::Palette;
@@ -15,6 +17,25 @@ use springtwin::signal::{
 };
 use springtwin::sim::{Inputs, Model, State, observe, settle};
 use springtwin::twin::{MeshQuestion, MeshSolver};
+
+/// Light or dark.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ThemeName {
+    /// Dark on light, as for print
+    Light,
+    /// Light on dark
+    Dark,
+}
+
+impl ThemeName {
+    /// The theme.
+    pub fn theme(self) -> egui::Theme {
+        match self {
+            Self::Light => egui::Theme::Light,
+            Self::Dark => egui::Theme::Dark,
+        }
+    }
+}
 
 /// The arm settled under pressures by the rod model.
 pub fn at_rest(
@@ -130,19 +151,93 @@ fn caption(snapshot: &Snapshot) -> (String, String) {
     (title.to_owned(), details)
 }
 
+/// A figure with so many pixels per inch.
+pub fn figure(figure: &Figure, dpi: f64) -> Result<image::RgbaImage> {
+    let scale = dpi / 72.0;
+    let pixels = figure.size_pt().map(|pt| (pt * scale).round() as u32);
+    let marks = figure.marks();
+    let mut offscreen = Offscreen::new(pixels, scale as f32)?;
+    offscreen.context.set_theme(egui::Theme::Light);
+    Ok(offscreen.render(|ui| paint(ui.painter(), &marks))?)
+}
+
+/// Paints the marks of a figure on white.
+fn paint(painter: &egui::Painter, marks: &[Mark]) {
+    painter.rect_filled(painter.clip_rect(), 0.0, egui::Color32::WHITE);
+    let at = |[x, y]: [f64; 2]| egui::pos2(x as f32, y as f32);
+    let of = |[r, g, b]: Rgb| egui::Color32::from_rgb(r, g, b);
+    for mark in marks {
+        match mark {
+            Mark::Line {
+                points,
+                width_pt,
+                colour,
+                dashed,
+            } => {
+                let points: Vec<egui::Pos2> = points.iter().map(|p| at(*p)).collect();
+                let stroke = egui::Stroke::new(*width_pt as f32, of(*colour));
+                match dashed {
+                    true => {
+                        painter.extend(egui::Shape::dashed_line(&points, stroke, 3.0, 2.0));
+                    }
+                    false => {
+                        painter.add(egui::Shape::line(points, stroke));
+                    }
+                }
+            }
+            Mark::Text {
+                at: place,
+                anchor,
+                upright,
+                text,
+            } => {
+                let font = egui::FontId::proportional(FONT_PT as f32);
+                let galley = painter.layout_no_wrap(text.clone(), font, egui::Color32::BLACK);
+                let back = match anchor {
+                    Anchor::Start => 0.0,
+                    Anchor::Middle => 0.5 * galley.size().x,
+                    Anchor::End => galley.size().x,
+                };
+                // From the base line to the top of the row.
+                let up = galley.rows.first().and_then(|r| r.glyphs.first());
+                let up = up.map_or(0.8 * galley.size().y, |g| g.pos.y);
+                let place = at(*place);
+                let (corner, angle) = match upright {
+                    true => (place + egui::vec2(-up, back), -std::f32::consts::FRAC_PI_2),
+                    false => (place - egui::vec2(back, up), 0.0),
+                };
+                let shape = egui::epaint::TextShape::new(corner, galley, egui::Color32::BLACK);
+                painter.add(shape.with_angle(angle));
+            }
+        }
+    }
+}
+
 /// Writes a picture as small as PNG makes it; a window is opaque, so its alpha is dropped.
 pub fn save(picture: image::RgbaImage, out: &Path) -> Result<()> {
     let refused = || format!("cannot write {}", out.display());
     let file = std::fs::File::create(out).with_context(refused)?;
-    let encoder = PngEncoder::new_with_quality(
-        std::io::BufWriter::new(file),
-        CompressionType::Best,
-        FilterType::Adaptive,
-    );
+    let to = std::io::BufWriter::new(file);
+    encode(picture, to, CompressionType::Best).with_context(refused)
+}
+
+/// As [`save`], and whole or not at all.
+pub fn save_whole(picture: image::RgbaImage, out: &Path) -> Result<()> {
+    let mut bytes = Vec::new();
+    encode(picture, &mut bytes, CompressionType::Best)?;
+    Ok(springtwin::recording::write_bytes(out, &bytes)?)
+}
+
+/// Writes an opaque picture as PNG.
+pub fn encode(
+    picture: image::RgbaImage,
+    to: impl std::io::Write,
+    how: CompressionType,
+) -> image::ImageResult<()> {
+    let encoder = PngEncoder::new_with_quality(to, how, FilterType::Adaptive);
     image::DynamicImage::ImageRgba8(picture)
         .into_rgb8()
         .write_with_encoder(encoder)
-        .with_context(refused)
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use super::{
     study, train,
 };
 #[cfg(feature = "gui")]
-use super::{args, window};
+use super::{args, figure, video, window};
 use springtwin::robot::RobotSpec;
 
 #[derive(Parser)]
@@ -132,6 +132,10 @@ commands! { c:
     Soak(a: soak::SoakArgs) => soak::run(a, c.robot_file, c.robot),
     /// A picture of a screen, made without a window
     Screenshot(a: window::ScreenshotArgs) if "gui" => window::screenshot(a, c.robot, c.robot_file),
+    /// Signals of a recording as a figure for print (SVG, PDF, PNG), or as a table
+    Figure(a: figure::FigureArgs) if "gui" => figure::run(a, c.robot),
+    /// A recording as a film: the arm, and signals below it
+    Video(a: video::VideoArgs) if "gui" => video::run(a, c.robot),
     /// Print shell completions
     Completions(a: reference::CompletionsArgs) => reference::completions(a, Cli::command()),
     /// Print a man page (roff), or write those of all commands

@@ -15,8 +15,8 @@ use springtwin::drive::read_toml;
 use springtwin::lab::reprocess::{Means, reprocess};
 use springtwin::recording::{
     Mark, NoteChange, RecordingFile, RecordingMeta, RecordingSummary, RecordingWriter, Selection,
-    annotate, annotations, is_rrd, join, keep_last, read_log, session_table, table_file,
-    write_session_table,
+    annotate, annotations, is_mcap, is_rrd, join, keep_last, read_log, session_table, table_file,
+    write_mcap, write_session_table,
 };
 use springtwin::robot::RobotSpec;
 use springtwin::signal::Stamp;
@@ -142,8 +142,8 @@ pub struct ConvertArgs {
     /// Recording or session, or a part of it: F.rrd@FROM..TO (s)
     #[arg(value_name = "F.rrd|SESSION")]
     input: PathBuf,
-    /// Table of what was measured (.csv, .parquet), or recording (.rrd)
-    #[arg(value_name = "F.csv|F.parquet|F.rrd")]
+    /// Table of what was measured (.csv, .parquet), ROS 2 messages (.mcap), or recording (.rrd)
+    #[arg(value_name = "F.csv|F.parquet|F.mcap|F.rrd")]
     out: PathBuf,
     #[command(flatten)]
     overwrite: Overwrite,
@@ -151,10 +151,22 @@ pub struct ConvertArgs {
 
 /// `convert`.
 pub fn convert(a: &ConvertArgs) -> Result<Report> {
-    if !is_rrd(&a.out) {
+    if !is_rrd(&a.out) && !is_mcap(&a.out) {
         table_file(&a.out)?;
     }
     recording_file(a.overwrite, &a.out, &[&a.input])?;
+    if is_mcap(&a.out) {
+        let summary = write_mcap(&a.input, &a.out)?;
+        return Ok(Report {
+            text: format!(
+                "{} samples in {} messages in {}",
+                summary.rows,
+                summary.messages,
+                a.out.display()
+            ),
+            json: json!({"out": a.out, "rows": summary.rows, "messages": summary.messages}),
+        });
+    }
     let log = read_log(&a.input)?;
     if is_rrd(&a.out) {
         let trace = log.to_trace();

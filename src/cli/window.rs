@@ -1,5 +1,6 @@
 //! The window, and pictures of its screens without one.
 
+mod baselines;
 mod calibrate;
 mod conduct;
 mod device;
@@ -7,7 +8,7 @@ mod dialog;
 mod export;
 mod gap;
 mod later;
-mod library;
+pub(super) mod library;
 mod rigs;
 mod screenshot;
 mod services;
@@ -117,8 +118,6 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
     let (rig, robot) = (rig.to_owned(), robot.clone());
     let app_ends = Arc::clone(&ends);
     let warnings = a.log.warnings();
-    let baseline = a.baseline.map(Path::to_owned);
-    let robot_file = robot_file.map(Path::to_owned);
     let begin: device::Begin<'_> = Box::new(move |cc| {
         let mut pace = Pace::default();
         let asks = Asks {
@@ -134,21 +133,13 @@ pub fn open(a: &Opening<'_>, robot_file: Option<&Path>, robot: &RobotSpec) -> Re
         if let Some(stream) = stream {
             handle.send(stream).map_err(anyhow::Error::msg)?;
         }
+        let gap_services = gap::services(&cc.egui_ctx, &rigs, &gap::data_folder());
         let services = services(asks, rigs, calibration);
         let mut app = App::new(Some(handle), robot.clone(), services);
         app.pace = pace;
         app.ends = app_ends;
         app.warnings = warnings;
-        app.services.gap = gap::services(
-            &cc.egui_ctx,
-            &robot,
-            robot_file.as_deref(),
-            &gap::data_folder(),
-        );
-        if let Some(given) = baseline {
-            app.services.gap.baseline =
-                Box::new(move || springtwin::gui::services::Job::ready(Ok(Some(given.clone()))));
-        }
+        app.services.gap = gap_services;
         app.set_up(&cc.egui_ctx, cc.storage);
         app.screens.accuracy.registration = registration;
         app.screens.operate.view3d.set_reachable(&reachable);

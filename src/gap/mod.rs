@@ -23,6 +23,7 @@ mod folds;
 mod follow;
 mod forces;
 mod heading;
+mod history;
 mod law;
 mod likely;
 mod locate;
@@ -60,6 +61,7 @@ pub use finding::{
     Located, Onset, Ranked, SeparateBy, Traces, Verdict,
 };
 pub use forces::{BellowsForce, FORCE_INPUTS, ResidualForces, residual_forces, strongest};
+pub use history::{Change, Edits, PatchRecord, changes};
 pub use law::{
     Discovered, Discovery, FoundLaw, FoundTerm, LawProof, LawVerdict, Nearest, discover, find_law,
     library, patch_law, promoted,

@@ -181,8 +181,21 @@ pub struct RollingUse {
 
 /// Loads a recording.
 pub type Loader = Box<dyn FnMut(&Path) -> Job<Player>>;
+/// A film that was made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Filmed {
+    /// The film, or the folder of its frames.
+    pub path: PathBuf,
+    /// What it is, as `the video of 12.0 s`.
+    pub what: String,
+    /// Why there are frames instead of a film: one sentence; else `None`.
+    pub why_frames: Option<String>,
+}
+
 /// Finds how two recordings lie on each other.
 pub type Aligner = Box<dyn FnMut(Pairing) -> Job<Alignment>>;
+/// Makes a film of a recording, at a path or at the next free name like it. Where nothing encodes films, its frames are written.
+pub type Filmer = Box<dyn FnMut(&Path, &Path, Existing) -> Job<Filmed>>;
 /// Shows a file in another program.
 pub type Opener = Box<dyn FnMut(&Path) -> Job<()>>;
 /// Writes a file and answers with its path. The folder is made when it is missing.
@@ -209,6 +222,8 @@ pub struct Services {
     pub annotate: Annotator,
     /// Finds how two recordings lie on each other, by work that takes seconds on long ones.
     pub align: Aligner,
+    /// Makes a film of a recording, by work that takes minutes on long ones.
+    pub film: Filmer,
     /// Opens a recording in the Rerun viewer.
     pub open_in_rerun: Opener,
     /// Starts the Rerun viewer on this machine, or finds the one that it started before, and answers with where
@@ -250,6 +265,7 @@ impl Services {
                 let found = pairing.align(&|| true);
                 Job::ready(found.ok_or_else(|| no("align recordings")))
             }),
+            film: Box::new(move |_, _, _| Job::ready(Err(no("write files")))),
             open_in_rerun: Box::new(move |_| Job::ready(Err(no("open other programs")))),
             start_viewer: Box::new(move || Job::ready(Err(no("open other programs")))),
             new_recording: Box::new(|folder, _| Job::ready(Ok(folder.join("recording.rrd")))),

@@ -1,4 +1,4 @@
-//! A motion-capture file becomes a session.
+//! A motion-capture file, or a bag that this program wrote, becomes a session.
 
 use std::path::{Path, PathBuf};
 
@@ -6,8 +6,8 @@ use anyhow::{Context as _, Result};
 
 use crate::drive::read_toml;
 use crate::recording::{
-    MarkerBody, MocapFile, MocapObject, MocapRotation, SessionLog, marker_body, read_mocap,
-    write_session,
+    MarkerBody, MocapFile, MocapObject, MocapRotation, OwnBag, SessionLog, marker_body, read_mcap,
+    read_mocap, write_session,
 };
 use crate::sensing::registration::Registration;
 use crate::signal::{CHAMBERS, IMUS, SPRINGS, SensorVec};
@@ -71,6 +71,16 @@ pub fn import(a: &Options) -> Result<Imported> {
         log,
         world,
     })
+}
+
+/// Makes a session of a bag (`.mcap`) that this program wrote.
+///
+/// # Errors
+/// When it is no such bag, or the session cannot be written; then nothing is left behind.
+pub fn import_bag(file: &Path, out: &Path) -> Result<OwnBag> {
+    let bag = read_mcap(file)?;
+    write_as(out, &bag.log)?;
+    Ok(bag)
 }
 
 /// Puts the poses into the robot's base, and on request onto its clock; returns that in words.

@@ -1,4 +1,4 @@
-//! A log of another lab becomes a session, by a map of its columns.
+//! A log or bag of another lab becomes a session, by a map of its columns or topics.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result};
 
 use super::import::{COORDINATE_MAX_M, write_as};
 use super::rests::FLIPPED_RAD;
-use crate::recording::{LogMap, MappedBodies, MappedLog, SessionLog};
+use crate::recording::{BagMap, LogMap, MappedBag, MappedBodies, MappedLog, SessionLog, is_mcap};
 use crate::robot::RobotSpec;
 use crate::signal::Pose;
 
@@ -33,19 +33,19 @@ pub enum Shift {
 /// What is made a session.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// The map of columns.
+    /// The map of columns; of topics for a bag.
     pub map: PathBuf,
-    /// The log.
+    /// The log, or a bag (`.mcap`).
     pub file: PathBuf,
     /// Motion capture, where that is a file of its own, and how the clocks lie; `None`: what the log itself holds.
     pub mocap: Option<(PathBuf, Shift)>,
-    /// The part that is wanted, from and to, in seconds of the log's own clock; `None`: all of it.
+    /// The part that is wanted, from and to, in seconds of the log's own clock, or from the first row of a bag; `None`: all of it.
     pub window: Option<[f64; 2]>,
     /// Folder for the session.
     pub out: PathBuf,
 }
 
-/// A session that was made of a log.
+/// A session that was made of a log or bag.
 #[derive(Clone, Debug)]
 pub struct ImportedLog {
     /// The session.
@@ -65,6 +65,28 @@ pub struct ImportedLog {
 /// # Errors
 /// When map or files do not read, the clocks cannot be brought together, or nothing is left; then nothing is written.
 pub fn import_log(a: &Options, robot: &RobotSpec) -> Result<ImportedLog> {
+    if is_mcap(&a.file) {
+        anyhow::ensure!(
+            a.mocap.is_none(),
+            "a bag has its motion capture in itself: leave --mocap out, and name the topics of the bodies in {}",
+            a.map.display()
+        );
+        let map = BagMap::read(&a.map).with_context(|| {
+            format!(
+                "{} needs a map of topics (assets/logs/ros2-bag.toml is one)",
+                a.file.display()
+            )
+        })?;
+        let MappedBag { log, notes } = map.log(&a.file)?;
+        let aligned = Aligned {
+            bodies: log.bodies.clone(),
+            log,
+            shift_s: 0.0,
+            correlation: None,
+            notes,
+        };
+        return made(a, aligned, robot);
+    }
     let map = LogMap::read(&a.map)?;
     let log = map.log(&a.file)?;
     let (mut bodies, mut shift_s, mut correlation) = (log.bodies.clone(), 0.0, None);
@@ -87,7 +109,33 @@ pub fn import_log(a: &Options, robot: &RobotSpec) -> Result<ImportedLog> {
         ),
         (None, false) => {}
     }
-    let mut notes = Vec::new();
+    let aligned = Aligned {
+        log,
+        bodies,
+        shift_s,
+        correlation,
+        notes: Vec::new(),
+    };
+    made(a, aligned, robot)
+}
+
+/// A log and its motion capture on one clock.
+struct Aligned {
+    log: MappedLog,
+    bodies: MappedBodies,
+    shift_s: f64,
+    correlation: Option<f64>,
+    notes: Vec<String>,
+}
+
+fn made(a: &Options, aligned: Aligned, robot: &RobotSpec) -> Result<ImportedLog> {
+    let Aligned {
+        log,
+        mut bodies,
+        shift_s,
+        correlation,
+        mut notes,
+    } = aligned;
     let mut left_out = [[0; 2]; 2];
     for (k, name, left) in [(0, "base", 0), (2, "end", 1)] {
         let repeated = without_repeats(&mut bodies.poses[k]);

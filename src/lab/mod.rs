@@ -19,7 +19,8 @@
 //! - [`mod@reprocess`]: a recording computed again from its raw frames.
 //! - [`mod@session`]: sessions of the virtual rig, through its whole chain.
 //! - [`experiment`]: the finder drives what separates best.
-//! - [`commission`], [`gap_files`], [`actuation`], [`patches`]: what the gap finder reads and writes.
+//! - [`commission`], [`gap_files`], [`actuation`], [`patches`], [`patch_history`]: what the gap finder reads and writes.
+//! - [`virtual_baseline`]: the baseline of the virtual rig that ships with the program.
 //! - [`mod@provenance`]: whether recordings that are used together were made alike.
 //! - [`import`]: motion capture as a session.
 //! - [`predicted`]: recordings of arms that nothing estimates, by their model.
@@ -42,6 +43,7 @@ pub mod import_log;
 pub mod learning;
 pub mod motions;
 pub mod multibody;
+pub mod patch_history;
 pub mod patches;
 pub mod predicted;
 pub mod programmes;
@@ -60,6 +62,7 @@ pub mod solve;
 pub mod study;
 pub mod table;
 pub mod units;
+pub mod virtual_baseline;
 
 pub use progress::{Progress, Silent};
 pub use session::{Session, SessionError, SessionPlan, session, session_log};

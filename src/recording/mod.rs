@@ -10,6 +10,7 @@
 //! - The rolling recording ([`RollingFolder`], [`keep_last`]): the last hours of what the arm did.
 //! - Session logs ([`read_session`], [`write_session`]): a folder with `session.toml` and `log.csv`.
 //! - Logs of other labs ([`LogMap`]), read by a map of their columns.
+//! - MCAP files with ROS 2 messages ([`write_mcap`], [`read_mcap`]), and those of other labs by a map of their topics ([`BagMap`]).
 //! - [`read_log`] reads the signals of either, [`inspect`] lists their contents.
 //! - Motion capture ([`read_mocap`]): tables of Vicon and OptiTrack, and C3D; [`marker_body`] makes a pose of
 //!   markers.
@@ -31,6 +32,7 @@ mod live;
 mod lock;
 mod log;
 mod mapped;
+mod mcap;
 mod mocap;
 mod notes;
 mod overlay;
@@ -73,6 +75,10 @@ pub use log::{
     write_session, write_session_table,
 };
 pub use mapped::{LogMap, MappedBodies, MappedLog};
+pub use mcap::{
+    BagMap, MappedBag, McapSummary, OwnBag, is_mcap, parse_mcap, read_mcap, write_mcap,
+    write_session_mcap,
+};
 pub use mocap::{
     MarkerBody, MarkerFit, MocapFile, MocapFormat, MocapMarker, MocapObject, MocapRotation,
     marker_body, parse_mocap, read_mocap,

@@ -15,6 +15,8 @@ mod gap_find;
 mod gap_watch;
 mod guide;
 mod lockstep;
+#[cfg(feature = "rrd")]
+mod mcap;
 mod notes;
 mod outputs;
 mod parsers;

@@ -62,8 +62,10 @@ const WRITERS: &[(&str, &str, &str)] = &[
     ("cut", "a.rrd --from 1 --out OUT/r.rrd", "r.rrd"),
     ("merge", "a.rrd b.rrd --out OUT/r.rrd", "r.rrd"),
     ("convert", "session OUT/t.csv", "t.csv"),
+    ("convert", "session OUT/t.mcap", "t.mcap"),
     ("reprocess", "a.rrd --out OUT/r.rrd", "r.rrd"),
     ("import", "m.csv --out OUT", "log.csv"),
+    ("import", "b.mcap --out OUT", "log.csv"),
     ("import log", "map.toml log.csv --out OUT", "log.csv"),
     ("rig session", "--seconds 5 --out OUT", "session.toml"),
     ("rig bench", "--out OUT/b.csv", "b.csv"),
@@ -74,6 +76,11 @@ const WRITERS: &[(&str, &str, &str)] = &[
         "s.csv",
     ),
     ("sim replay", "session --out OUT/r.csv", "r.csv"),
+    (
+        "figure",
+        "a.rrd --signals tip_x_mm --out OUT/f.svg",
+        "f.svg",
+    ),
     ("estimate", "session --out OUT/e.parquet", "e.parquet"),
 ];
 
@@ -101,7 +108,7 @@ fn no_command_replaces_a_file_unasked() {
 }
 
 /// The table above has all commands that write somewhere, by the list of the program; for a merge of studies the shards show
-/// what it writes (see `dataset`), and a picture needs the window's part of the program.
+/// what it writes (see `dataset`), pictures and films need the window's part of the program.
 #[test]
 fn the_table_of_writers_is_whole() {
     let page = json(&["man", "--markdown", "--json"]);
@@ -118,7 +125,7 @@ fn the_table_of_writers_is_whole() {
         }
     }
     let known: BTreeSet<&str> = WRITERS.iter().map(|(command, ..)| *command).collect();
-    let others = ["study merge", "screenshot"];
+    let others = ["study merge", "screenshot", "video"];
     let missing: Vec<_> = writers
         .iter()
         .filter(|w| !known.contains(**w) && !others.contains(w))

@@ -24,7 +24,8 @@ pub fn write(path: &Path, existing: Existing, bytes: &[u8]) -> Result<PathBuf, S
     Ok(path)
 }
 
-fn free(path: &Path) -> Result<PathBuf, String> {
+/// The next name like that of `path` which nothing has.
+pub fn free(path: &Path) -> Result<PathBuf, String> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let numbered = |n: usize| {
         let mut name = format!("{stem}-{n}");

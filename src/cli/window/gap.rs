@@ -12,6 +12,7 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 
 use super::later::later;
+use super::rigs::Rigs;
 use crate::cli::signals::taken_by_child;
 use crate::cli::{read_text, sentence, user};
 use springtwin::drive::give_way;
@@ -23,29 +24,26 @@ use springtwin::gap::{
 };
 use springtwin::gui::services::Worker;
 use springtwin::gui::services::gap::{
-    ExamplePair, GapServices, Pair, RobotMatch, SessionSheet, SheetGroup,
+    Arm, ExamplePair, GapServices, Pair, RobotMatch, SessionSheet, SheetGroup,
 };
 use springtwin::lab::commission::{beyond, kinds};
 use springtwin::lab::gap_bench::{self, Example};
 use springtwin::lab::gap_files;
 use springtwin::lab::provenance;
+use springtwin::lab::virtual_baseline;
 use springtwin::recording;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, SPRINGS};
 use springtwin::sim::effects;
-use store::{Store, short};
+use store::Store;
 
 /// How often it is looked whether the generator is done.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// The services of the Gap screen for a robot; what they make goes to `data`, patched robots beside their own file.
-pub fn services(
-    ctx: &egui::Context,
-    robot: &RobotSpec,
-    robot_file: Option<&Path>,
-    data: &Path,
-) -> GapServices {
-    let robot = Arc::new(robot.clone());
+/// The services of the Gap screen for the robot of `rigs`; what they make goes to `data`, patched robots beside their own file.
+pub fn services(ctx: &egui::Context, rigs: &Rigs, data: &Path) -> GapServices {
+    let robot = Arc::new(rigs.robot.clone());
+    let robot_file = rigs.robot_file.as_deref();
     let store = Arc::new(Store::new(robot_file, data));
     let ctx = || ctx.clone();
     let (for_look, look_robot) = (ctx(), Arc::clone(&robot));
@@ -54,8 +52,8 @@ pub fn services(
     let example_file = robot_file.map(Path::to_owned);
     let (for_examples, for_reports) = (data.to_owned(), data.to_owned());
     let (for_reveal, for_keep, for_page) = (ctx(), ctx(), ctx());
-    let (for_kept, kept_robot, kept_data) = (ctx(), Arc::clone(&robot), data.to_owned());
-    let (for_commission, commissioned_robot) = (ctx(), Arc::clone(&robot));
+    let (for_kept, kept_rigs, kept_data) = (ctx(), rigs.clone(), data.to_owned());
+    let (for_commission, commissioned_rigs) = (ctx(), rigs.clone());
     let commissioned_data = data.to_owned();
     let (for_experiment, experiment_robot) = (ctx(), Arc::clone(&robot));
     let experiment_data = data.to_owned();
@@ -69,18 +67,19 @@ pub fn services(
                 sheet(&path, &robot).map_err(said)
             })
         }),
-        baseline: Box::new(move || {
-            let kept = baseline_file(&kept_data, &kept_robot);
+        baseline: Box::new(move |arm| {
+            let (rigs, data) = (kept_rigs.clone(), kept_data.clone());
             later(&for_kept, "baseline", move |_| {
-                Ok(kept.is_file().then_some(kept))
+                rigs.baseline_of(arm, &data).map_err(said)
             })
         }),
         commission: Box::new(move |path| {
-            let (path, robot) = (path.to_owned(), Arc::clone(&commissioned_robot));
-            let kept = baseline_file(&commissioned_data, &robot);
+            let (path, rigs) = (path.to_owned(), commissioned_rigs.clone());
+            let data = commissioned_data.clone();
             later(&for_commission, "commissioning", move |worker| {
                 give_way();
-                commission(&path, &robot, &kept, worker).map_err(said)
+                let kept = rigs.place_of(arm_of(&path), &data).map_err(said)?;
+                commission(&path, &rigs.robot, &kept, worker).map_err(said)
             })
         }),
         find: Box::new(move |pair, known| {
@@ -127,9 +126,9 @@ pub fn services(
                 store.accept(&patch).map_err(said)
             })
         }),
-        undo: Box::new(move || {
+        undo: Box::new(move |edits| {
             let store = Arc::clone(&undo_store);
-            later(&for_undo, "patch", move |_| store.undo().map_err(said))
+            later(&for_undo, "patch", move |_| store.undo(edits).map_err(said))
         }),
         keep: Box::new(move |found, patch, origin| {
             let (found, patch) = (Arc::clone(found), patch.clone());
@@ -154,10 +153,13 @@ pub fn data_folder() -> PathBuf {
     user::data_folder().unwrap_or_else(|| std::env::temp_dir().join("springtwin"))
 }
 
-/// Where the baseline of a robot is kept: one for its file, with patches or without.
-pub fn baseline_file(data: &Path, robot: &RobotSpec) -> PathBuf {
-    data.join("baselines")
-        .join(format!("{}.toml", short(&robot.base_hash)))
+/// Which arm a session is of, as far as it states that.
+fn arm_of(path: &Path) -> Arm {
+    let states = || recording::inspect(path).ok()?.simulated;
+    match recording::is_rrd(path).then(states).flatten() {
+        Some(true) => Arm::Virtual,
+        _ => Arm::Real,
+    }
 }
 
 /// Fits the rig in order to a healthy session and keeps it.
@@ -182,8 +184,16 @@ fn commission(
 
 /// A baseline that was kept, as a session without samples.
 fn sheet_of_baseline(path: &Path, rig: &Commissioned, robot: &RobotSpec) -> SessionSheet {
+    let ships = rig
+        .sessions
+        .iter()
+        .any(|s| s[0] == virtual_baseline::SESSION);
     let made = path.metadata().and_then(|m| m.modified()).ok();
     let age = made.and_then(|t| t.elapsed().ok()).unwrap_or_default();
+    let age_days = match ships {
+        true => f64::NAN,
+        false => age.as_secs_f64() / 86_400.0,
+    };
     let group = |name: &str, channels: std::ops::Range<usize>, each: usize| SheetGroup {
         name: name.to_owned(),
         present: channels.clone().filter(|c| rig.present[*c]).count() / each,
@@ -210,7 +220,7 @@ fn sheet_of_baseline(path: &Path, rig: &Commissioned, robot: &RobotSpec) -> Sess
         ],
         robot: robot_match(known),
         simulated: None,
-        kept_days: Some(age.as_secs_f64() / 86_400.0),
+        kept_days: Some(age_days),
     }
 }
 

@@ -1,5 +1,6 @@
 //! The recordings the window lists and opens.
 
+pub mod film;
 pub mod names;
 pub mod rename;
 mod samples;
@@ -260,6 +261,24 @@ pub fn load(
         log::warn!("{} is shown without its arm: {e}", path.display());
     }
     Ok(loaded)
+}
+
+/// As [`load`], of the part from one time to another, s since the session's start; without one, from or to the end.
+pub fn load_part(
+    robot: &RobotSpec,
+    path: &Path,
+    [from, to]: [Option<f64>; 2],
+    go_on: &mut dyn FnMut(f32) -> bool,
+) -> Result<Loaded, String> {
+    if from.is_none() && to.is_none() {
+        return load(robot, path, go_on);
+    }
+    if !path.exists() {
+        return Err(format!("{} is not there.", path.display()));
+    }
+    let bound = |s: Option<f64>| s.map_or_else(String::new, |s| s.to_string());
+    let part = format!("{}@{}..{}", path.display(), bound(from), bound(to));
+    load(robot, Path::new(&part), go_on)
 }
 
 fn read(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, String> {

@@ -1,6 +1,6 @@
 //! What the window's twin can be put on.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -8,17 +8,20 @@ use std::time::Duration;
 
 use anyhow::Result;
 
+use super::baselines::{BASELINES, baseline_file, virtual_baseline_file};
 use super::calibrate::Setting;
-use super::gap::baseline_file;
 use crate::cli::args::{Kind, watch};
 use crate::cli::user::ROLLING;
 use springtwin::calibrate::Store;
-use springtwin::drive::{Driver, Instruments, TwinBuilder, is_virtual, model};
+use springtwin::drive::{DEFAULT_RIG, Driver, Instruments, TwinBuilder, is_virtual, model};
 use springtwin::gui::services::PortEntry;
+use springtwin::gui::services::gap::Arm;
+use springtwin::lab::virtual_baseline;
 use springtwin::link;
 use springtwin::recording::RollingFolder;
 use springtwin::rig::RigOptions;
 use springtwin::robot::RobotSpec;
+use springtwin::sensing::Calibration;
 use springtwin::sensing::registration::Registration;
 use springtwin::signal::{Mode, Snapshot};
 use springtwin::twin::{Command, Handle, Maps, RollingOf, Watch};
@@ -112,18 +115,84 @@ impl Rigs {
         Ok(driver)
     }
 
-    /// The monitor of `rig`: with the baseline that was named for it, or the one that is kept for the arm where it is a real one.
+    /// The monitor of `rig`: with the baseline that was named for it, or that is kept for the arm, or that ships with the program.
     fn watch(&self, rig: &str) -> Result<Option<Watch>> {
         if let Some(named) = self.baseline.as_deref().filter(|_| rig == self.rig) {
             return watch(named, &self.robot).map(Some);
         }
-        let data = self.data.as_deref().filter(|_| !is_virtual(rig));
-        let kept = data.map(|data| baseline_file(data, &self.robot));
-        Ok(kept.filter(|file| file.is_file()).and_then(|file| {
+        let calibration = self.calibration_of(rig)?;
+        let arm = if is_virtual(rig) {
+            Arm::Virtual
+        } else {
+            Arm::Real
+        };
+        let kept = self.data.as_deref();
+        let kept = kept.map(|data| self.kept_for(arm, &calibration, data));
+        let kept = kept.filter(|file| file.is_file()).and_then(|file| {
             let read = watch(&file, &self.robot);
-            read.inspect_err(|e| log::warn!("twin and arm are not compared: {e:#}"))
+            read.inspect_err(|e| log::warn!("{} is not compared with: {e:#}", file.display()))
                 .ok()
+        });
+        if kept.is_some() || arm == Arm::Real {
+            return Ok(kept);
+        }
+        // Without it everything else works.
+        let shipped = virtual_baseline::watch(&self.robot, &self.options, &calibration);
+        Ok(shipped.unwrap_or_else(|e| {
+            log::warn!("twin and arm are not compared: {e:#}");
+            None
         }))
+    }
+
+    /// The calibration that `rig` is read by.
+    fn calibration_of(&self, rig: &str) -> Result<Calibration> {
+        let (_, instruments, _) = self.with_active(rig);
+        model::calibration(instruments.calibration.as_deref())
+    }
+
+    /// Where the baseline of an arm is kept in the user's `data`. Of a virtual rig there is one for each unit and calibration.
+    fn kept_for(&self, arm: Arm, calibration: &Calibration, data: &Path) -> PathBuf {
+        match arm {
+            Arm::Real => baseline_file(data, &self.robot),
+            Arm::Virtual => {
+                virtual_baseline_file(data, &self.robot, self.options.unit, calibration)
+            }
+        }
+    }
+
+    /// The baseline of the arm that the window is on, as a file: what was named for it, what is kept in `data`, or what ships with the
+    /// program; `None` where there is none.
+    pub fn baseline_of(&self, arm: Arm, data: &Path) -> Result<Option<PathBuf>> {
+        let named_is_virtual = is_virtual(&self.rig);
+        let is_named = named_is_virtual == (arm == Arm::Virtual);
+        if let Some(named) = self.baseline.as_ref().filter(|_| is_named) {
+            return Ok(Some(named.clone()));
+        }
+        let kept = self.place_of(arm, data)?;
+        if kept.is_file() {
+            return Ok(Some(kept));
+        }
+        let calibration = self.calibration_of(self.one(arm))?;
+        let ships = arm == Arm::Virtual
+            && virtual_baseline::is_of(&self.robot, &self.options, &calibration);
+        match ships {
+            true => virtual_baseline::shipped_file(&data.join(BASELINES)).map(Some),
+            false => Ok(None),
+        }
+    }
+
+    /// Where a new baseline of an arm goes in the user's `data`.
+    pub fn place_of(&self, arm: Arm, data: &Path) -> Result<PathBuf> {
+        let calibration = self.calibration_of(self.one(arm))?;
+        Ok(self.kept_for(arm, &calibration, data))
+    }
+
+    /// A rig of this kind: the one that was named, where it is one.
+    fn one(&self, arm: Arm) -> &str {
+        match (arm, is_virtual(&self.rig)) {
+            (Arm::Virtual, false) => DEFAULT_RIG,
+            _ => &self.rig,
+        }
     }
 
     /// Where rolling recordings go.
@@ -248,9 +317,10 @@ pub fn serial_ports() -> Result<Vec<PortEntry>, String> {
 mod tests {
     use super::*;
     use springtwin::calibrate::NewVersion;
-    use springtwin::drive::{DEFAULT_RIG, rig_options};
+    use springtwin::drive::rig_options;
     use springtwin::gui::panels::connect::VIRTUAL;
-    use springtwin::sensing::Calibration;
+    use springtwin::rig::Unit;
+    use springtwin::robot::REFERENCE;
     use springtwin::signal::{Mode, SPRINGS, SensorRef};
     use springtwin::twin::Clock;
 
@@ -343,6 +413,79 @@ mod tests {
         rigs.instruments.expect_pushes = true;
         assert!(rigs.with_active("/dev/ttyUSB0").1.expect_pushes);
         assert!(!rigs.with_active("/dev/ttyUSB1").1.expect_pushes);
+        std::fs::remove_dir_all(data).expect("cleans up");
+    }
+
+    /// The window's first start: nothing was kept, and twin and arm are compared.
+    #[test]
+    fn a_fresh_start_on_the_virtual_rig_has_a_baseline_and_no_other_rig_has_it() {
+        let name = format!("springtwin-rigs-baseline-{}", std::process::id());
+        let data = std::env::temp_dir().join(name);
+        let robot = RobotSpec::reference();
+        let fresh = Rigs {
+            rig: DEFAULT_RIG.into(),
+            maps: model::maps_for(&robot, DEFAULT_RIG, None).expect("the shipped networks load"),
+            robot,
+            robot_file: None,
+            options: rig_options(0.0, 1),
+            kind: Kind::Ours,
+            instruments: Instruments::default(),
+            baseline: None,
+            data: Some(data.clone()),
+            twins: Twins::default(),
+            ends: Arc::default(),
+            stall: None,
+        };
+        let watched = |rigs: &Rigs, rig: &str| rigs.watch(rig).expect("reads").is_some();
+        assert!(watched(&fresh, "sim") && watched(&fresh, "pty"));
+        assert!(!watched(&fresh, "/dev/ttyUSB0"));
+        // Gap has it as a file.
+        let file = fresh.baseline_of(Arm::Virtual, &data).expect("writes");
+        let file = file.expect("ships");
+        assert!(file.starts_with(&data) && file.is_file());
+        assert_eq!(fresh.baseline_of(Arm::Real, &data).expect("looks"), None);
+        let other_unit = Rigs {
+            options: RigOptions {
+                unit: Unit(2),
+                ..rig_options(0.0, 1)
+            },
+            ..fresh.clone()
+        };
+        let longer = REFERENCE.replace("rest_length_mm = 145.0", "rest_length_mm = 146.0");
+        let other_robot = Rigs {
+            robot: RobotSpec::from_toml(&longer).expect("reads"),
+            ..fresh.clone()
+        };
+        for other in [&other_unit, &other_robot] {
+            assert!(!watched(other, "sim"));
+            assert_eq!(other.baseline_of(Arm::Virtual, &data).expect("looks"), None);
+        }
+        // What is kept of the virtual rig goes before it, and is of this unit alone.
+        let kept = fresh.place_of(Arm::Virtual, &data).expect("a place");
+        assert_ne!(
+            kept,
+            other_unit.place_of(Arm::Virtual, &data).expect("a place")
+        );
+        assert_ne!(kept, fresh.place_of(Arm::Real, &data).expect("a place"));
+        std::fs::copy(&file, &kept).expect("copies");
+        assert_eq!(
+            fresh.baseline_of(Arm::Virtual, &data).expect("looks"),
+            Some(kept)
+        );
+        assert!(!watched(&other_unit, "sim") && !watched(&fresh, "/dev/ttyUSB0"));
+        // Another calibration reads it otherwise.
+        let store = Store::of(&fresh.robot, true, &data);
+        let mut calibration = Calibration::virtual_rig();
+        calibration.base_tilt_rad[0] += 1e-3;
+        let new = NewVersion {
+            note: String::new(),
+            calibration,
+            registration: None,
+            networks: None,
+        };
+        store.save(new, "2026-03-01").expect("saves");
+        assert!(!watched(&fresh, "sim"));
+        assert_eq!(fresh.baseline_of(Arm::Virtual, &data).expect("looks"), None);
         std::fs::remove_dir_all(data).expect("cleans up");
     }
 

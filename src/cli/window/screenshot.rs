@@ -11,6 +11,7 @@ use super::rigs::{Rigs, Twins};
 use super::{Asks, hull, library};
 use crate::cli::args::Kind;
 use crate::cli::outputs::Overwrite;
+use crate::cli::picture::ThemeName;
 use crate::cli::solve::Simulator;
 use crate::cli::{Report, args, picture, read_toml};
 use springtwin::analysis::player::Player;
@@ -23,6 +24,7 @@ use springtwin::gui::scene::Scene;
 use springtwin::gui::screens::ScreenId;
 use springtwin::gui::services::Job;
 use springtwin::gui::{App, Services};
+use springtwin::lab::virtual_baseline;
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, Goal, Mode, Snapshot};
 use springtwin::twin::{Command, Event, Maps};
@@ -108,12 +110,6 @@ enum ScreenName {
     Gap,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ThemeName {
-    Light,
-    Dark,
-}
-
 /// `screenshot`: a screen with twelve seconds of the virtual rig, a recording, or the arm at rest in it.
 pub fn screenshot(
     a: &ScreenshotArgs,
@@ -160,10 +156,7 @@ pub fn screenshot(
         ScreenName::Recordings => ScreenId::Recordings,
         ScreenName::Gap => ScreenId::Gap,
     };
-    let theme = match a.theme {
-        ThemeName::Light => egui::Theme::Light,
-        ThemeName::Dark => egui::Theme::Dark,
-    };
+    let theme = a.theme.theme();
     let live = if player.is_some() {
         &[]
     } else {
@@ -300,8 +293,9 @@ fn picture_services(
         ctx: ctx.clone(),
         pace: Pace::default().wanted(),
     };
+    let gap = super::gap::services(ctx, &rigs, scratch);
     let mut services = super::services(asks, rigs, calibration);
-    services.gap = super::gap::services(ctx, robot, robot_file, scratch);
+    services.gap = gap;
     let places = super::library::Places::new(scratch);
     services.scan = super::services::scanner(ctx, places);
     services.calibration.versions = Box::new(|| Job::ready(Ok(Vec::new())));
@@ -372,7 +366,11 @@ fn demonstration(
     preview: Option<[f64; 3]>,
     mut tried: Option<Command>,
 ) -> Result<Vec<Snapshot>> {
-    let mut driver = TwinBuilder::new(robot).maps(maps).build()?;
+    // As a window is first opened: with the baseline that ships with the program.
+    let calibration = model::calibration(None)?;
+    let watch = virtual_baseline::watch(robot, &rig_options(0.0, 1), &calibration)?;
+    let twin = TwinBuilder::new(robot).maps(maps).watch(watch);
+    let mut driver = twin.build()?;
     driver.runner.draw_shapes();
     let mut kept: Vec<Snapshot> = Vec::new();
     let mut keep = |snapshot: &Arc<Snapshot>, _: &[Event], commands: &mut Vec<Command>| {

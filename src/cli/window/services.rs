@@ -94,6 +94,7 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
                 found.ok_or_else(|| "Stopped on request.".to_owned())
             })
         }),
+        film: library::film::filmer(ctx, &rigs.robot),
         open_in_rerun: viewer::opener(&asks.ctx),
         start_viewer: viewer::starter(&asks.ctx),
         new_recording: Box::new(move |folder, name| {

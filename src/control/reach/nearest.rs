@@ -24,15 +24,14 @@ impl Problem<'_> {
         let mut starts = nearest_starts(self, samples);
         starts.push(Vector6::zeros());
         let trusted = |p: &Point| p.training_distance <= self.config.nearest_training_distance_max;
-        let starts: Vec<Point> = starts
-            .iter()
-            .filter_map(|x| inner.evaluate(&inner.boxed(x)))
-            .collect();
-        let home = starts
-            .iter()
-            .find(|p| trusted(p))
-            .or(starts.last())?
-            .clone();
+        let mut home = None;
+        for start in &starts {
+            home = inner.evaluate(&inner.boxed(start)).or(home);
+            if home.as_ref().is_some_and(trusted) {
+                break;
+            }
+        }
+        let home = home?;
         let mut found: Option<Point> = None;
         for start in inner
             .evaluate(&inner.boxed(&best.x))

@@ -9,7 +9,7 @@ use super::widgets::{Gate, note};
 use crate::gui::services::conduct::{Conducted, Wanted};
 use crate::gui::view::View;
 use crate::signal::{Mode, Snapshot};
-use crate::task::Plan;
+use crate::task::{Plan, Programme};
 use crate::twin::{Command, Event};
 
 /// What work under way waits for.
@@ -45,6 +45,8 @@ pub struct Conduct {
     held: bool,
     /// The excitations so far, with the reason for each.
     driven: Vec<String>,
+    /// The newest of them.
+    programme: Option<Programme>,
 }
 
 const PROCEED: Fire = Fire {
@@ -67,7 +69,14 @@ impl Conduct {
             agreed: false,
             held: false,
             driven: Vec::new(),
+            programme: None,
         }
+    }
+
+    /// The excitation that is to be driven next, or is being driven; `None` between two of them.
+    pub fn programme(&self) -> Option<&Programme> {
+        let is_at_work = matches!(self.awaits, Awaits::Work | Awaits::Recording);
+        self.programme.as_ref().filter(|_| !is_at_work)
     }
 
     /// Ends it: what moves for it is held.
@@ -92,6 +101,7 @@ impl Conduct {
                 return;
             }
             self.driven.push(wanted.why.clone());
+            self.programme = Some(wanted.programme.clone());
             self.awaits = Awaits::Consent(wanted);
             let is_agreed = self.consent == Consent::Once && self.agreed;
             if is_agreed || !view.snapshot.link.moves_hardware() {

@@ -206,6 +206,8 @@ pub struct GapState {
     said: Option<String>,
     locate: locate::LocateState,
     asked_for_patches: bool,
+    // The robot file is read again if it cannot be changed.
+    rereads: bool,
     conduct: Option<super::conduct::Conduct>,
     // The last minutes are becoming a recording, which comes from there.
     keeping_last: Pending<PathBuf, Origin>,
@@ -316,6 +318,10 @@ impl GapState {
                         "The robot file is as it was.",
                         "Remove the cause named above, then try again.",
                     ));
+                    // It may be another one than was read.
+                    if std::mem::take(&mut self.rereads) {
+                        self.patching.begin_for(None, (services.gap.patched)());
+                    }
                 }
             }
         }
@@ -417,6 +423,11 @@ impl GapState {
         if self.running.is_busy() {
             return Err("The finder is running: wait, or cancel it.".into());
         }
+        // Patches of earlier days can be looked at and undone without a finding.
+        let has_patches = |p: &PatchedRobot| !p.history.is_empty() || p.edited.is_some();
+        if step == Step::Patch && self.patched.as_ref().is_some_and(has_patches) {
+            return Ok(());
+        }
         self.finding().map(|_| ())
     }
 
@@ -474,7 +485,7 @@ pub fn ui(
     Trouble::show_until_closed(&mut state.trouble, ui);
     match state.step {
         Step::Select => select::ui(ui, state, live, services, commands),
-        _ if state.outcome.is_none() => {
+        step if state.outcome.is_none() && step != Step::Patch => {
             empty(ui, "No finding yet", "Go back to Select and press Find.")
         }
         Step::Locate => locate::ui(ui, state),

@@ -69,6 +69,8 @@ pub struct View3d {
     pub shown: Shown,
     /// The spring to highlight, from 0.
     pub selected_spring: Option<usize>,
+    /// Whether the end pad as motion capture has it is shown as a ghost: in films.
+    pub captured: bool,
     reachable: Option<ReachSet>,
     outlines: Vec<[[f32; 3]; 2]>,
 }
@@ -139,6 +141,7 @@ pub fn scene_view(
     let shown = state.shown;
     let sensors = view.snapshot.sensors.as_ref().filter(|_| shown.measured);
     let measured = sensors.and_then(|s| shape_by_sensors(view.spec, s));
+    let captured = view.snapshot.fresh_truth().filter(|_| state.captured);
     let trails = |channel| match shown.trails {
         true => trail(view, channel),
         false => Vec::new(),
@@ -172,6 +175,7 @@ pub fn scene_view(
             .filter(|_| shown.ghost),
         tried: tried(view).filter(|_| shown.ghost),
         measured: measured.as_ref(),
+        captured: captured.map(|t| &t.base_from_tip),
         reachable: state.reachable.as_ref(),
         outlines: &state.outlines,
         aids: Aids {

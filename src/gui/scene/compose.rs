@@ -194,6 +194,11 @@ pub fn compose(
         c.ghost(measured, 4, gripper);
         c.tint = c.palette.predicted;
     }
+    if let Some(captured) = input.captured {
+        c.tint = c.palette.truth;
+        c.ghost_pad(captured, gripper);
+        c.tint = c.palette.predicted;
+    }
     if let Some(ghost) = input.ghost.filter(|s| is_drawable(s)) {
         c.ghost(ghost, 2, gripper);
     } else if let Some((goal, reach)) = &snapshot.preview {
@@ -532,10 +537,15 @@ impl Composer<'_> {
             nalgebra::Translation3::from(nalgebra::Vector3::from(position_m)),
             rotation,
         );
+        self.ghost_pad(&pose, gripper);
+    }
+
+    /// End pad and gripper, see-through.
+    fn ghost_pad(&mut self, base_from_tip: &Pose, gripper: Gripper) {
         self.layer = Layer::Ghost;
         let pad = Surface::matt(self.palette.pad);
-        self.rigid(Part::EndPad, convert::affine(&pose), pad, None);
-        self.gripper(&pose, gripper, 0.0);
+        self.rigid(Part::EndPad, convert::affine(base_from_tip), pad, None);
+        self.gripper(base_from_tip, gripper, 0.0);
         self.layer = Layer::Solid;
     }
 

@@ -5,7 +5,7 @@ use super::click::Landing;
 use super::colours::Theme;
 use super::entity::Entity;
 use super::reachset::ReachSet;
-use crate::signal::{ArmShape, ReachState, Snapshot};
+use crate::signal::{ArmShape, Pose, ReachState, Snapshot};
 
 /// Whether the pointer may set targets and select parts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,6 +76,8 @@ pub struct SceneInput<'a> {
     pub tried: Option<(&'a ArmShape, &'a str)>,
     /// The arm as its sensors measure it, shown as a ghost while no model is tried.
     pub measured: Option<&'a ArmShape>,
+    /// The end pad as motion capture has it, shown as a ghost; base from tip.
+    pub captured: Option<&'a Pose>,
     /// The reachable set, which helps to choose how deep a click goes.
     pub reachable: Option<&'a ReachSet>,
     /// The set's outlines, as short lines, m.
@@ -109,6 +111,7 @@ impl<'a> SceneInput<'a> {
             ghost: None,
             tried: None,
             measured: None,
+            captured: None,
             reachable: None,
             outlines: &[],
             aids: Aids::default(),

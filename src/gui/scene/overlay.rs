@@ -468,7 +468,10 @@ pub fn paint_labels(
         taken.push(tag);
         taken.push(Rect::from_center_size(at, vec2(2.0, 2.0) * MARK_PT));
     }
-    if let (Some(estimate), Some(truth)) = (&snapshot.estimate, snapshot.fresh_truth()) {
+    // A film has the error of the same instant below the view.
+    if let (Some(estimate), Some(truth)) = (&snapshot.estimate, snapshot.fresh_truth())
+        && input.captured.is_none()
+    {
         let error_m = crate::signal::pose_error(&estimate.base_from_tip, &truth.base_from_tip)
             .fixed_rows::<3>(0)
             .norm();

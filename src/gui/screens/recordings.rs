@@ -117,6 +117,10 @@ impl Screen for Library {
             });
         }
         self.row_actions(list);
+        let gate = check(self.film.is_under_way(), "No video is being made.");
+        list.act("Cancel the video", "film stop", gate, |library, _| {
+            library.film.cancel();
+        });
         for entry in &self.entries {
             let name = format!("Play {}", entry.name);
             let path = entry.path.clone();
@@ -152,6 +156,11 @@ impl Library {
                 Act::Rename,
                 "Rename the selected recording…",
                 "name file library",
+            ),
+            (
+                Act::Video,
+                "Make a video of the selected recording…",
+                "film movie mp4 animation export frames",
             ),
             (
                 Act::Rerun,

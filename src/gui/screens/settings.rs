@@ -243,6 +243,13 @@ fn finding(state: &GapState, list: &mut List<GapState>) {
         g.step = GapStep::Patch;
         g.undo(ctx.services);
     });
+    let words = "gap revert robot file remove changed hand";
+    let gate = state.undo_edited_gate();
+    let name = "Undo the last patch, edits set aside";
+    list.act(name, words, gate, |g, ctx| {
+        g.step = GapStep::Patch;
+        g.undo_edited(ctx.services);
+    });
     let gate = state.report_gate();
     let words = "gap finding browser page html write";
     list.act(

@@ -6,9 +6,10 @@ use std::sync::Arc;
 use super::conduct::Conducted;
 use crate::gap::report::Origin;
 use crate::gap::score::Key;
-use crate::gap::{Found, GapError, Patch};
+use crate::gap::{Edits, Found, GapError, Patch, PatchRecord};
 use crate::gui::job::Job;
 use crate::robot::RobotSpec;
+use crate::signal::Snapshot;
 
 /// Whether a session is of the robot in use.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,6 +25,25 @@ pub enum RobotMatch {
         /// In use.
         given: String,
     },
+}
+
+/// Which arm a baseline is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arm {
+    /// A virtual rig.
+    Virtual,
+    /// A real one.
+    Real,
+}
+
+impl Arm {
+    /// The one that the window is connected to.
+    pub fn of(live: &Snapshot) -> Self {
+        match live.link.moves_hardware() {
+            true => Self::Real,
+            false => Self::Virtual,
+        }
+    }
 }
 
 /// A group of channels of a session.
@@ -56,7 +76,7 @@ pub struct SessionSheet {
     pub robot: RobotMatch,
     /// Whether its data were simulated; `None` if it is not recorded.
     pub simulated: Option<bool>,
-    /// Age of a baseline that was kept, days; `None` for a session. A baseline has no length.
+    /// Age of a baseline that was kept, days, NaN for one that ships with the program; `None` for a session. A baseline has no length.
     pub kept_days: Option<f64>,
 }
 
@@ -109,6 +129,10 @@ pub struct PatchedRobot {
     pub path: PathBuf,
     /// The robot with its patches.
     pub robot: RobotSpec,
+    /// Its patches, in the order in which they were put on, then those that were reverted.
+    pub history: Vec<PatchRecord>,
+    /// That it was edited by hand since it was written: one sentence without a full stop; `None` if it was not.
+    pub edited: Option<String>,
 }
 
 /// Looks at a session.
@@ -142,9 +166,10 @@ pub struct GapServices {
     pub find: Find,
     /// Lets the finder drive the arm.
     pub experiment: Experimenter,
-    /// Where the baseline of this robot is kept; nowhere before it was commissioned.
-    pub baseline: Box<dyn FnMut() -> Job<Option<PathBuf>>>,
-    /// Fits the rig in order to a healthy session and keeps it as the baseline of this robot.
+    /// Where the baseline of this robot is kept; nowhere before it was commissioned, unless one ships with the program.
+    pub baseline: Box<dyn FnMut(Arm) -> Job<Option<PathBuf>>>,
+    /// Fits the rig in order to a healthy session and keeps it as the baseline of this robot: of its virtual rig where the session is
+    /// simulated.
     pub commission: Commission,
     /// Has a pair of sessions made, by a process of its own, one effect hidden in the second: which one
     /// depends on the seed.
@@ -156,7 +181,7 @@ pub struct GapServices {
     /// Puts a patch on that file.
     pub accept: Patcher,
     /// Takes the last patch back off it.
-    pub undo: Box<dyn FnMut() -> Job<PatchedRobot>>,
+    pub undo: Box<dyn FnMut(Edits) -> Job<PatchedRobot>>,
     /// Writes report, overlay and patch of a finding.
     pub keep: Keep,
     /// Shows a page in the browser; the answer reports whether one took it.
@@ -173,7 +198,7 @@ impl GapServices {
             experiment: Box::new(move |_, _| {
                 (Job::ready(Err(no("drive an arm"))), Conducted::by_nobody())
             }),
-            baseline: Box::new(|| Job::ready(Ok(None))),
+            baseline: Box::new(|_| Job::ready(Ok(None))),
             commission: Box::new(move |_| Job::ready(Err(no("keep baselines")))),
             example: Box::new(move |_| Job::ready(Err(no("make an example")))),
             reveal: Box::new(move |_| Job::ready(Err(no("read answers")))),
@@ -181,10 +206,12 @@ impl GapServices {
                 Job::ready(Ok(PatchedRobot {
                     path: PathBuf::new(),
                     robot: RobotSpec::reference(),
+                    history: Vec::new(),
+                    edited: None,
                 }))
             }),
             accept: Box::new(move |_| Job::ready(Err(no("write robot files")))),
-            undo: Box::new(move || Job::ready(Err(no("write robot files")))),
+            undo: Box::new(move |_| Job::ready(Err(no("write robot files")))),
             keep: Box::new(move |_, _, _| Job::ready(Err(no("write reports")))),
             open_page: Box::new(move |_| Job::ready(Err(no("open other programs")))),
         }

@@ -31,12 +31,17 @@ impl<T> Asking<T> {
     }
 
     pub fn want(&self, name: &str, seconds: f64, why: &str, record: &str) {
+        let programme = Programme {
+            name: name.to_owned(),
+            seconds,
+            ..Programme::default()
+        };
+        self.want_programme(programme, why, record);
+    }
+
+    pub fn want_programme(&self, programme: Programme, why: &str, record: &str) {
         let wanted = Wanted {
-            programme: Programme {
-                name: name.to_owned(),
-                seconds,
-                ..Programme::default()
-            },
+            programme,
             why: why.to_owned(),
             record: record.into(),
         };

@@ -2,6 +2,7 @@
 //! of every verdict.
 
 mod experiment;
+mod history;
 mod tried;
 mod verdicts;
 
@@ -22,6 +23,7 @@ use crate::gui::services::gap::{
     ExamplePair, GapServices, PatchedRobot, RobotMatch, SessionSheet, SheetGroup,
 };
 use crate::gui::services::{Dialog, Existing, Picked, Worker};
+use crate::lab::patch_history::PatchHistory;
 use crate::lab::{SessionPlan, session};
 use crate::rig::hidden::Hidden;
 use crate::robot::{REFERENCE, with_patch, without_last_patch};
@@ -169,6 +171,11 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
     let robot = |text: &str| PatchedRobot {
         path: "data/reference.patched.toml".into(),
         robot: RobotSpec::from_toml(text).expect("a robot file"),
+        // No folder has its versions.
+        history: PatchHistory::of(Path::new("data/reference.patched.toml"))
+            .records(text)
+            .expect("there is no list"),
+        edited: None,
     };
     let store = || Rc::clone(seen);
     let (read, accept, undo, keep) = (store(), store(), store(), store());
@@ -197,7 +204,7 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
                     ..sheet(path)
                 }))
             }),
-            baseline: Box::new(|| Job::ready(Ok(None))),
+            baseline: Box::new(|_| Job::ready(Ok(None))),
             commission: Box::new(|_| Job::ready(Ok(KEPT.into()))),
             find: Box::new(|pair, known| {
                 assert_eq!(pair.healthy.as_deref(), Some(Path::new(HEALTHY)));
@@ -233,7 +240,7 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
                 seen.robot_file = with_patch(&seen.robot_file, patch);
                 Job::ready(Ok(robot(&seen.robot_file)))
             }),
-            undo: Box::new(move || {
+            undo: Box::new(move |_| {
                 let mut seen = undo.borrow_mut();
                 let old = without_last_patch(&seen.robot_file)
                     .expect("a patch")
@@ -294,7 +301,7 @@ fn a_baseline_is_kept_and_chosen_without_a_search_for_files() {
     h.get_by_label_contains("45 days ago");
     assert!(h.query_by_label("Keep as baseline").is_none());
     let mut services = services(&seen);
-    services.gap.baseline = Box::new(|| Job::ready(Ok(Some(KEPT.into()))));
+    services.gap.baseline = Box::new(|_| Job::ready(Ok(Some(KEPT.into()))));
     let mut h = harness(gap_app(services));
     h.run_steps(6);
     h.get_by_label_contains("45 days ago");
@@ -566,6 +573,8 @@ fn a_robot_file_that_cannot_be_read_says_so_and_is_read_again() {
             _ => Ok(PatchedRobot {
                 path: "data/reference.patched.toml".into(),
                 robot: RobotSpec::reference(),
+                history: Vec::new(),
+                edited: None,
             }),
         })
     });

@@ -146,14 +146,17 @@ pub(crate) fn read_within(
 fn refuse_other_kinds(path: &Path) -> Result<(), RecordingError> {
     let mut start = Vec::new();
     File::open(path)
-        .and_then(|file| file.take(4).read_to_end(&mut start))
+        .and_then(|file| file.take(8).read_to_end(&mut start))
         .map_err(RecordingError::io(path, "open"))?;
     let text = match start.as_slice() {
-        b"PAR1" => {
+        [b'P', b'A', b'R', b'1', ..] => {
             "this is a Parquet file, and a session is a folder with session.toml, a .csv file or a recording (.rrd): \
              `springtwin train` reads datasets, `springtwin imu eval` logs of one IMU"
         }
-        [b'R', b'R', b'F', _] => "this is a recording: give it a name that ends in .rrd",
+        [b'R', b'R', b'F', ..] => "this is a recording: give it a name that ends in .rrd",
+        [0x89, b'M', b'C', b'A', b'P', ..] => {
+            "this is an MCAP file: `springtwin import` makes a session of it"
+        }
         _ => return Ok(()),
     };
     Err(RecordingError::Unsupported {

@@ -96,6 +96,20 @@ const LOST: f64 = 10.0;
 /// Then, and after this many iterations, the exact derivative takes over, costly as it is.
 const PATIENCE: usize = 20;
 
+/// Polynomials through the last changes that a guess is made by: of degree 0, 1, 2, ...
+const DEGREES: usize = 4;
+
+/// The change of a strain over the step that follows, by the polynomial of this degree through the last changes.
+fn continued(taken: &[Vec<f64>; DEGREES], degree: usize, k: usize) -> f64 {
+    let [a, b, c, d] = taken;
+    match degree {
+        0 => a[k],
+        1 => 2.0 * a[k] - b[k],
+        2 => 3.0 * (a[k] - b[k]) + c[k],
+        _ => 4.0 * (a[k] + c[k]) - 6.0 * b[k] - d[k],
+    }
+}
+
 /// Memory of the integrator, with the matrix and the guess that a step hands on to the next one. Holds no result; one
 /// that comes from another motion costs time only.
 #[derive(Clone, Debug, Default)]
@@ -104,8 +118,10 @@ pub struct Integrator {
     factor: Factor,
     made_for_s: Option<[f64; 2]>,
     assembly: Assembly,
-    /// Change of the strains over the last step.
-    taken: Vec<f64>,
+    /// Changes of the strains over the last steps, newest first, and the degree of the polynomial that has led furthest
+    /// through them.
+    taken: [Vec<f64>; DEGREES],
+    degree: usize,
     start: Kinematics,
     middle: Kinematics,
     end: Kinematics,
@@ -222,7 +238,8 @@ impl Integrator {
         let d = rod.strains.indices();
         if self.q1.len() != n {
             self.made_for_s = None;
-            self.taken = vec![0.0; n];
+            self.taken = std::array::from_fn(|_| vec![0.0; n]);
+            self.degree = 0;
             self.impulse = vec![0.0; n];
         }
         self.start.place(rod, &motion.q);
@@ -238,10 +255,10 @@ impl Integrator {
                 self.drag.extend_from_within(first..first + d.len());
             }
         }
-        // The guess: on it goes at the same rate.
         self.q1.clear();
-        let guess = motion.q.iter().zip(&self.taken);
-        self.q1.extend(guess.map(|(q, taken)| q + taken));
+        let before = motion.q.iter().enumerate();
+        self.q1
+            .extend(before.map(|(k, q)| q + continued(&self.taken, self.degree, k)));
     }
 
     /// `change` = J₀ᵀ m (x₁ − x₀)/h + h/2 Π'(q½) + τ/2 D (q₁ − q₀) − p₀.
@@ -360,9 +377,20 @@ impl Integrator {
 
     /// Moves `motion` to the end of the step just balanced.
     fn finish(&mut self, rod: &Rod, motion: &mut Motion) {
-        for (k, taken) in self.taken.iter_mut().enumerate() {
-            *taken = self.q1[k] - motion.q[k];
+        // What each degree would have guessed of this step: the next guess is by the one that came nearest.
+        let mut off = [0.0; DEGREES];
+        for k in 0..motion.q.len() {
+            let change = self.q1[k] - motion.q[k];
+            for (degree, off) in off.iter_mut().enumerate() {
+                *off += (change - continued(&self.taken, degree, k)).powi(2);
+            }
             motion.p[k] = -self.impulse[k];
+        }
+        let nearest = (0..DEGREES).min_by(|&a, &b| off[a].total_cmp(&off[b]));
+        self.degree = nearest.unwrap_or(0);
+        self.taken.rotate_right(1);
+        for (k, taken) in self.taken[0].iter_mut().enumerate() {
+            *taken = self.q1[k] - motion.q[k];
         }
         motion.q.copy_from_slice(&self.q1);
         self.end

@@ -5,18 +5,16 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
-use springtwin::gap::Patch;
+use springtwin::gap::{Edits, Patch};
 use springtwin::gui::services::gap::PatchedRobot;
+use springtwin::lab::patch_history::{PatchHistory, Put};
 use springtwin::lab::patches;
 use springtwin::recording::{self, RecordingError};
-use springtwin::robot::{REFERENCE, RobotSpec, without_last_patch};
+use springtwin::robot::{REFERENCE, RobotSpec};
 
+use crate::cli::calibrate::now;
 use crate::cli::read_toml;
-
-/// The start of a robot's hash, for the names of what belongs to it in the data folder.
-pub(super) fn short(hash: &str) -> String {
-    hash.chars().take(12).collect()
-}
+use crate::cli::window::baselines::short;
 
 /// The copy of the robot file that carries the accepted patches.
 ///
@@ -30,7 +28,7 @@ pub(super) struct Store {
     /// The user's data folder.
     data: PathBuf,
     /// Writes a file.
-    write: fn(&Path, &str) -> Result<(), RecordingError>,
+    write: Put,
 }
 
 impl Store {
@@ -38,11 +36,7 @@ impl Store {
         Self::with_writer(robot_file, data, recording::write_text)
     }
 
-    pub(super) fn with_writer(
-        robot_file: Option<&Path>,
-        data: &Path,
-        write: fn(&Path, &str) -> Result<(), RecordingError>,
-    ) -> Self {
+    pub(super) fn with_writer(robot_file: Option<&Path>, data: &Path, write: Put) -> Self {
         let path = match robot_file {
             None => data.join("reference.patched.toml"),
             Some(file) => {
@@ -89,32 +83,51 @@ impl Store {
     }
 
     /// The text of the copy; of the original where there is no copy yet.
-    fn text(&self) -> Result<String> {
-        let (original, path) = (self.original_text()?, self.path()?);
-        if !path.exists() {
-            return Ok(original);
+    fn present(&self) -> Result<String> {
+        let path = self.path()?;
+        match path.exists() {
+            true => read_toml(&path),
+            false => self.original_text(),
         }
-        let text = read_toml(&path)?;
+    }
+
+    /// The same, of a copy that is of the original.
+    fn text(&self) -> Result<String> {
+        let (original, text) = (self.original_text()?, self.present()?);
         let base = |text: &str| -> Result<String> { Ok(RobotSpec::from_toml(text)?.base_hash) };
         anyhow::ensure!(
             base(&text)? == base(&original)?,
             "{} was made from another robot file: move it away, and patches can be accepted again",
-            path.display()
+            self.path()?.display()
         );
         Ok(text)
     }
 
+    fn history(&self, path: &Path) -> PatchHistory {
+        PatchHistory::with_writer(path, self.write)
+    }
+
     pub(super) fn read(&self) -> Result<PatchedRobot> {
+        let (path, text) = (self.path()?, self.text());
+        let history = self.history(&path);
+        let edited = history.edited(&self.present()?)?;
+        // What was edited may be no robot file any more: what was written last is, and can be put back.
+        let text = match (text, &edited) {
+            (Err(e), Some(_)) => history.written()?.ok_or(e)?,
+            (text, _) => text?,
+        };
         Ok(PatchedRobot {
-            path: self.path()?,
-            robot: RobotSpec::from_toml(&self.text()?)?,
+            robot: RobotSpec::from_toml(&text)?,
+            history: history.records(&text)?,
+            edited,
+            path,
         })
     }
 
     pub(super) fn accept(&self, patch: &Patch) -> Result<PatchedRobot> {
         let _lock = self.lock();
         let text = self.text()?;
-        let (new, robot) = patches::text_with(&text, patch)?;
+        let (new, _) = patches::text_with(&text, patch)?;
         // Two findings on the same robot would correct the rig twice.
         let before = RobotSpec::from_toml(&text)?;
         anyhow::ensure!(
@@ -124,20 +137,15 @@ impl Store {
             self.path()?.display(),
             before.patches.len()
         );
-        Ok(PatchedRobot {
-            path: self.keep(&new)?,
-            robot,
-        })
+        self.keep(&|history| history.replace(&text, &new, patch.name.clone(), &now()))?;
+        self.read()
     }
 
-    pub(super) fn undo(&self) -> Result<PatchedRobot> {
+    pub(super) fn undo(&self, edits: Edits) -> Result<PatchedRobot> {
         let _lock = self.lock();
-        let text = self.text()?;
-        let old = without_last_patch(&text)?;
-        Ok(PatchedRobot {
-            path: self.keep(old)?,
-            robot: RobotSpec::from_toml(old)?,
-        })
+        let text = self.present()?;
+        self.keep(&|history| history.revert(&text, edits, &now()).map(|_| ()))?;
+        self.read()
     }
 
     /// Locks the copies against other windows until the result is dropped. Without a lock it goes on: a folder that cannot
@@ -152,31 +160,30 @@ impl Store {
             .ok()
     }
 
-    /// Writes the copy, in the data folder where it cannot be written beside the robot file; its path.
-    fn keep(&self, text: &str) -> Result<PathBuf> {
+    /// Changes the copy, in the data folder where it cannot be written beside the robot file.
+    fn keep(&self, change: &dyn Fn(&PatchHistory) -> Result<()>) -> Result<()> {
         let path = self.path()?;
-        let refused = match self.write_to(&path, text) {
-            Ok(()) => return Ok(path),
-            Err(e) => e,
+        let Err(refused) = self.changed(&path, change) else {
+            return Ok(());
         };
         let in_data = self.in_data()?;
         if path == in_data || self.original.is_none() || !is_read_only(&refused) {
             return Err(refused);
         }
-        self.write_to(&in_data, text)?;
+        self.changed(&in_data, change)?;
         log::info!(
             "{refused:#} The patched robot file is {}",
             in_data.display()
         );
-        Ok(in_data)
+        Ok(())
     }
 
-    fn write_to(&self, path: &Path, text: &str) -> Result<()> {
+    fn changed(&self, path: &Path, change: &dyn Fn(&PatchHistory) -> Result<()>) -> Result<()> {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)
                 .with_context(|| format!("cannot create the folder {}", folder.display()))?;
         }
-        Ok((self.write)(path, text)?)
+        change(&self.history(path))
     }
 }
 

@@ -1,4 +1,6 @@
 use super::*;
+use crate::cli::window::baselines::baseline_file;
+use springtwin::gap::Edits;
 use springtwin::robot::{PatchEffect, PatchValue, REFERENCE};
 
 fn folder(name: &str) -> PathBuf {
@@ -46,7 +48,12 @@ fn accepted_patches_stack_on_a_copy_and_come_off_byte_for_byte() {
     let patch = payload(&before.robot);
     let after = store.accept(&patch).expect("accepts");
     assert_eq!(after.robot.patches.len(), 1);
-    assert_eq!(store.read().expect("reads").robot, after.robot);
+    assert_eq!(store.read().expect("reads"), after);
+    let [record] = &after.history[..] else {
+        panic!("one patch: {:?}", after.history);
+    };
+    assert!(record.is_applied && record.date.is_some());
+    assert_eq!(record.changes[0].text(), "Undeclared payload: 0 → 200 g");
     let twice = store.accept(&patch).expect_err("twice");
     assert!(said(twice).contains("already"));
     let other = Patch {
@@ -55,13 +62,25 @@ fn accepted_patches_stack_on_a_copy_and_come_off_byte_for_byte() {
     };
     let both = store.accept(&other).expect_err("corrects twice");
     assert!(said(both).contains("does not know"));
-    assert_eq!(store.undo().expect("undone").robot, before.robot);
+    assert_eq!(
+        store.undo(Edits::Refuse).expect("undone").robot,
+        before.robot
+    );
     assert_eq!(read_text(&path).expect("there"), REFERENCE);
     assert_eq!(read_text(&file).expect("untouched"), REFERENCE);
-    let nothing = store.undo().expect_err("nothing to take back");
+    // It is in the history, undone.
+    let undone = &store.read().expect("reads").history;
+    assert!(undone.len() == 1 && !undone[0].is_applied, "{undone:?}");
+    let nothing = store.undo(Edits::Refuse).expect_err("nothing to take back");
     assert!(said(nothing).contains("no patch"));
     // A copy of another robot is not built upon.
     std::fs::write(&path, REFERENCE.replacen("name = \"", "name = \"x", 1)).expect("writes");
+    let edited = store.read().expect("reads");
+    assert!(edited.edited.is_some_and(|e| e.contains("edited by hand")));
+    let refused = said(store.accept(&patch).expect_err("another robot"));
+    assert!(refused.contains("another robot file"), "{refused}");
+    // Nor is one that was there before there was a history.
+    std::fs::remove_dir_all(dir.join("arm.patched.toml.history")).expect("is there");
     let refused = said(store.read().expect_err("another robot"));
     assert!(refused.contains("another robot file"), "{refused}");
     std::fs::remove_dir_all(&dir).expect("cleans up");
@@ -98,7 +117,10 @@ fn a_patch_of_an_installed_robot_file_goes_to_the_users_data() {
     // It is what the next window reads, and takes the patch off.
     let again = Store::with_writer(Some(&file), &data, as_a_user);
     assert_eq!(again.read().expect("reads"), after);
-    assert_eq!(again.undo().expect("undone").robot, before.robot);
+    assert_eq!(
+        again.undo(Edits::Refuse).expect("undone").robot,
+        before.robot
+    );
     // Another robot file of that name has a copy of its own.
     let other = REFERENCE.replacen("name = \"", "name = \"x", 1);
     std::fs::write(&file, other).expect("writes");

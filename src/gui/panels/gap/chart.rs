@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use egui::{Color32, RichText, Role, Sense, Ui, WidgetInfo};
-use egui_plot::{Axis, LineStyle, PlotBounds, PlotPoint, PlotPoints, Span, Text, VLine};
+use egui_plot::{Axis, HLine, LineStyle, PlotBounds, PlotPoint, PlotPoints, Span, Text, VLine};
 
 use crate::analysis::decimate::{envelope_of_samples, slot_s};
 use crate::gui::panels::plot::{Dash, grey_band, pointed, round_marks, span_of, still, swatch};
@@ -40,6 +40,8 @@ pub struct Chart<'a> {
     pub begins_s: Option<[f64; 2]>,
     /// Half of a grey band around zero: what a healthy rig stays within.
     pub band: Option<f64>,
+    /// Lowest and highest value that there can be, drawn as dashed lines.
+    pub limits: Option<[f64; 2]>,
     /// The vertical axis never shows less than this.
     pub min_span: f64,
     /// Whether the names of the lines are shown.
@@ -64,7 +66,9 @@ impl Chart<'_> {
         let some = within(self.t_s, self.range_s);
         let values = self.lines.iter().filter_map(|l| l.values.get(some.clone()));
         let band = self.band.into_iter().flat_map(|b| [-b, b]);
-        let range = span_of(values.flatten().copied().chain(band), self.min_span);
+        let limits = self.limits.into_iter().flatten();
+        let shown = values.flatten().copied().chain(band).chain(limits);
+        let range = span_of(shown, self.min_span);
         let [low, high] = range;
         let bounds = PlotBounds::from_min_max([self.range_s[0], low], [self.range_s[1], high]);
         let (middle, half) = (0.5 * (low + high), 0.5 * (high - low));
@@ -88,6 +92,10 @@ impl Chart<'_> {
                 plot.set_plot_bounds(bounds);
                 if let Some(b) = self.band {
                     plot.span(grey_band([-b, b], &p));
+                }
+                for limit in self.limits.into_iter().flatten() {
+                    let line = HLine::new("limit", limit).color(p.weak).width(1.0);
+                    plot.hline(line.style(LineStyle::dashed_dense()));
                 }
                 if let Some([from, to]) = self.begins_s {
                     let span = Span::new("begins", from..=to)

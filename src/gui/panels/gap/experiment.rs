@@ -1,20 +1,24 @@
 //! The finder drives the arm: what it wants is shown, begins with the operator's consent, is recorded, and ends with STOP and HOLD
 //! like everything else.
 
-use egui::{RichText, Ui};
+use egui::{RichText, Role, Ui, WidgetInfo};
 
+use super::chart::{Chart, Line};
 use super::tried::{Trace, in_short, show};
 use super::{GapState, Step, Trouble};
 use crate::analysis::history::Channel;
 use crate::gap::report::Origin;
 use crate::gui::panels::conduct::{Conduct, Consent, conduct_gate};
+use crate::gui::panels::plot::{Dash, swatch};
 use crate::gui::panels::recordings::keep_gate;
 use crate::gui::panels::widgets::{Gate, gated, note, number, status};
 use crate::gui::services::Services;
 use crate::gui::services::gap::Pair;
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
-use crate::signal::{Disagreement, IMUS, SPRINGS, Snapshot, capitalised};
+use crate::robot::RobotSpec;
+use crate::signal::{CHAMBERS, Disagreement, IMUS, SPRINGS, Snapshot, capitalised};
+use crate::task::Programme;
 use crate::twin::{Command, Event};
 
 /// How much of the rolling recording is checked, s: about as long as a session that the finder judges well.
@@ -137,6 +141,83 @@ pub fn under_way(ui: &mut Ui, state: &mut GapState, live: &View<'_>, commands: &
     }
 }
 
+/// What is left below the plot of an excitation for its words, points.
+const WORDS: f32 = 64.0;
+/// Points of its lines: as many as there are pixels at most.
+const PREVIEW_POINTS: usize = 600;
+
+/// The excitation that the finder wants to drive, or drives.
+pub fn wanted(state: &GapState) -> Option<&Programme> {
+    state.conduct.as_ref()?.programme()
+}
+
+/// The pressures that an excitation sets over its time, with the limits of the robot.
+pub fn preview(ui: &mut Ui, programme: &Programme, spec: &RobotSpec) {
+    const NAMES: [&str; CHAMBERS] = [
+        "chamber 1",
+        "chamber 2",
+        "chamber 3",
+        "chamber 4",
+        "chamber 5",
+        "chamber 6",
+    ];
+    let p = *Palette::in_ui(ui);
+    let t_s: Vec<f64> = (0..=PREVIEW_POINTS)
+        .map(|k| programme.seconds * k as f64 / PREVIEW_POINTS as f64)
+        .collect();
+    let set_kpa: Vec<[f64; CHAMBERS]> = t_s
+        .iter()
+        .map(|t| programme.at(*t).map(|pa| 1e-3 * pa))
+        .collect();
+    let line = |i: usize| Line {
+        name: NAMES[i],
+        color: p.signal(Channel::ChamberSet(i)),
+        dash: Dash::Solid,
+        values: set_kpa.iter().map(|all| all[i]).collect(),
+    };
+    let limits = [spec.pressure.min_pa, spec.pressure.max_pa].map(|pa| 1e-3 * pa);
+    Chart {
+        title: "Pressures that it sets / kPa (dashed: limits)",
+        unit: "kPa",
+        t_s: &t_s,
+        lines: (0..CHAMBERS).map(line).collect(),
+        range_s: [0.0, programme.seconds],
+        mark_s: None,
+        begins_s: None,
+        band: None,
+        limits: Some(limits),
+        min_span: 10.0,
+        legend: false,
+    }
+    .show(ui, (ui.available_height() - WORDS).max(100.0));
+    ui.horizontal(|ui| {
+        note(ui, "chamber");
+        for (i, name) in NAMES.into_iter().enumerate() {
+            swatch(ui, p.signal(Channel::ChamberSet(i)), Dash::Solid);
+            let number = note(ui, (i + 1).to_string());
+            number.widget_info(|| WidgetInfo::labeled(Role::Label, true, name));
+        }
+    });
+    let all = || set_kpa.iter().flatten().copied();
+    let (low, high) = (
+        all().fold(f64::INFINITY, f64::min),
+        all().fold(f64::NEG_INFINITY, f64::max),
+    );
+    let [least, most] = limits;
+    note(
+        ui,
+        format!(
+            "“{}” takes {} s and sets {} to {} kPa; the limits are {} and {} kPa.",
+            programme.name,
+            number(programme.seconds, 0),
+            number(low, 1),
+            number(high, 1),
+            number(least, 0),
+            number(most, 0)
+        ),
+    );
+}
+
 /// Buttons that take one of the likely effects as known, for a reason.
 fn mute(ui: &mut Ui, state: &mut GapState, likely: &[String]) {
     if likely.is_empty() {
@@ -205,8 +286,8 @@ fn no_baseline(live: &View<'_>) -> &'static str {
              baseline, and connect again."
         }
         false => {
-            "No baseline, so nothing compares twin and arm. For a virtual rig: springtwin gap commission SESSION --baseline FILE, \
-             then start the window with --baseline FILE."
+            "No baseline, so nothing compares twin and arm: one ships for the reference robot's virtual rig, unit 1, with the calibration it \
+             comes with. Choose a recording of this rig in order as the healthy session, press Keep as baseline, and connect again."
         }
     }
 }

@@ -287,6 +287,7 @@ fn fit_against_data(ui: &mut Ui, finding: &Finding, adds: bool) {
         mark_s: None,
         begins_s: finding.onset.map(|o| o.ci95),
         band: Some(1.0),
+        limits: None,
         min_span: 4.0,
         legend: true,
     }

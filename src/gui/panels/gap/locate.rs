@@ -221,6 +221,7 @@ fn channel(ui: &mut Ui, outcome: &Outcome, locate: &mut LocateState, height: f32
         mark_s: Some(*now_s),
         begins_s: outcome.found.finding.onset.map(|o| o.ci95),
         band: Some(HEALTHY),
+        limits: None,
         min_span: 2.0 * HEALTHY,
         legend: true,
     }

@@ -1,12 +1,12 @@
-//! Patch: what would be added to the model, accept, reject, undo.
+//! Patch: what would be added to the model, accept, reject, undo, and the patches that the robot file had and has.
 
-use egui::{Button, RichText, ScrollArea, Ui, vec2};
+use egui::{Button, CollapsingHeader, RichText, ScrollArea, Ui, vec2};
 
 use super::explain::parameters;
 use super::{Decision, GapState, Outcome, Trouble, tried};
 use crate::gap::report::{effect_name, next_step, verdict_name};
-use crate::gap::{Found, FoundEffect, Patch, patch_law};
-use crate::gui::panels::widgets::{Gate, gated, heading, note, pane, status};
+use crate::gap::{Change, Edits, Found, FoundEffect, Patch, PatchRecord, changes, patch_law};
+use crate::gui::panels::widgets::{Gate, empty, gated, heading, note, pane, status};
 use crate::gui::services::Services;
 use crate::gui::services::gap::PatchedRobot;
 use crate::gui::theme::{Level, Palette};
@@ -62,10 +62,9 @@ pub fn ui(
     ui.horizontal_top(|ui| {
         let left = ui.available_width() * 0.5;
         ui.allocate_ui(vec2(left, height), |ui| {
-            pane(ui, "patch", |ui| {
-                if let Some(outcome) = &mut state.outcome {
-                    what(ui, outcome);
-                }
+            pane(ui, "patch", |ui| match &mut state.outcome {
+                Some(outcome) => what(ui, outcome),
+                None => empty(ui, "No finding yet", "Go back to Select and press Find."),
             });
         });
         ui.vertical(|ui| {
@@ -196,18 +195,47 @@ impl GapState {
     pub fn undo_gate(&self) -> Gate {
         match &self.patched {
             _ if self.patching.is_busy() => Err("The robot file is being written.".to_owned()),
-            Some(patched) if !patched.robot.patches.is_empty() => Ok(()),
-            _ => Err("No patch was accepted.".to_owned()),
+            Some(patched) if patched.robot.patches.is_empty() => {
+                Err("No patch was accepted.".to_owned())
+            }
+            Some(patched) => match &patched.edited {
+                Some(edited) => Err(format!("{edited}: undo would take these edits off, too.")),
+                None => Ok(()),
+            },
+            None => Err("No patch was accepted.".to_owned()),
+        }
+    }
+
+    /// Whether the last patch can be reverted although the robot file was edited by hand, or why not.
+    pub fn undo_edited_gate(&self) -> Gate {
+        match &self.patched {
+            _ if self.patching.is_busy() => Err("The robot file is being written.".to_owned()),
+            Some(patched) if patched.edited.is_some() && !patched.robot.patches.is_empty() => {
+                Ok(())
+            }
+            _ => Err("The robot file was not edited by hand.".to_owned()),
         }
     }
 
     /// Reverts the last patch of the robot file.
     pub fn undo(&mut self, services: &mut Services) {
         if self.undo_gate().is_ok() {
-            let was = self.outcome.as_ref().map(|o| o.decision);
-            let back = (was == Some(Decision::Accepted)).then_some(Decision::Open);
-            self.patching.begin_for(back, (services.gap.undo)());
+            self.revert(Edits::Refuse, services);
         }
+    }
+
+    /// Reverts it although the file was edited by hand; what was edited is kept beside.
+    pub fn undo_edited(&mut self, services: &mut Services) {
+        if self.undo_edited_gate().is_ok() {
+            self.revert(Edits::SetAside, services);
+        }
+    }
+
+    fn revert(&mut self, edits: Edits, services: &mut Services) {
+        let was = self.outcome.as_ref().map(|o| o.decision);
+        let back = (was == Some(Decision::Accepted)).then_some(Decision::Open);
+        self.rereads = true;
+        self.patching.begin_for(back, (services.gap.undo)(edits));
     }
 
     /// Adds the patch to the robot file.
@@ -226,6 +254,11 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     };
     let decision = outcome.decision;
     ui.label(RichText::new("Your decision").strong());
+    if let (Ok(()), Some(patched)) = (&accept, &state.patched) {
+        heading(ui, "Accept patch changes in the robot file");
+        let changed = changes(&patched.robot, &outcome.patch());
+        diff(ui, "accept", &changed);
+    }
     let (mut accepts, mut rejects) = (false, false);
     ui.horizontal(|ui| {
         let button = Button::new(RichText::new("Accept patch").strong()).min_size(vec2(96.0, 32.0));
@@ -263,9 +296,66 @@ fn decide(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     }
 }
 
-fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+/// Numbers that change: those of effects, then those of the rig, which are many, on request.
+fn diff(ui: &mut Ui, name: &str, changed: &[Change]) {
+    let (rig, effects): (Vec<&Change>, Vec<&Change>) = changed.iter().partition(|c| c.of_rig);
+    let line = |ui: &mut Ui, change: &Change| ui.label(RichText::new(change.text()).monospace());
+    for change in effects {
+        line(ui, change);
+    }
+    if rig.is_empty() {
+        return;
+    }
+    let many = format!("{} calibration parameters of this rig", rig.len());
+    CollapsingHeader::new(many)
+        .id_salt(("changes of the rig", name))
+        .show(ui, |ui| {
+            for change in rig {
+                line(ui, change);
+            }
+        });
+}
+
+/// The effects of a patch by name.
+fn names(patch: &Patch) -> String {
+    let names: Vec<String> = parts(patch)
+        .map(|(id, target)| effect_name(id, target))
+        .collect();
+    match names.is_empty() {
+        true => "calibration parameters".to_owned(),
+        false => names.join("; "),
+    }
+}
+
+/// A patch that the robot file has or had.
+fn record(ui: &mut Ui, number: Option<usize>, record: &PatchRecord, id: usize) {
     let p = *Palette::in_ui(ui);
-    ui.label(RichText::new("Accepted patches").strong());
+    let weak = |text: &str| RichText::new(text).small().color(p.weak);
+    ui.horizontal_wrapped(|ui| {
+        match number {
+            Some(number) => ui.label(format!("{number}. {}", names(&record.patch))),
+            None => ui.label(RichText::new(format!("↶ {}", names(&record.patch))).color(p.weak)),
+        };
+        let state = if number.is_some() {
+            "accepted"
+        } else {
+            "undone; accepted"
+        };
+        let date = record
+            .date
+            .as_deref()
+            .unwrap_or("on a day that was not recorded");
+        ui.label(weak(&format!("{state} {date}; {}", record.finding())));
+    });
+    if number.is_some() {
+        ui.indent(("changes of a patch", id), |ui| {
+            diff(ui, &format!("record {id}"), &record.changes);
+        });
+    }
+}
+
+fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
+    ui.label(RichText::new("Patches of the robot file").strong());
     let Some(patched) = &state.patched else {
         let Some(why) = state.unread.clone().filter(|_| !state.patching.is_busy()) else {
             note(ui, "The robot file is being read…");
@@ -286,30 +376,50 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
         }
         return;
     };
-    let patches = &patched.robot.patches;
-    if patches.is_empty() {
+    if patched.robot.patches.is_empty() {
         note(ui, "None: the robot file is as it came.");
-        return;
     }
-    for (i, a) in patches.iter().enumerate() {
-        let names: Vec<String> = parts(&a.patch)
-            .map(|(id, target)| effect_name(id, target))
-            .collect();
-        let what = match names.is_empty() {
-            true => "calibration parameters".to_owned(),
-            false => names.join("; "),
-        };
-        ui.horizontal_wrapped(|ui| {
-            ui.label(format!("{}. {what}", i + 1));
-            ui.label(RichText::new(&a.patch.name).small().color(p.weak));
-        });
+    let applied = patched.history.iter().filter(|r| r.is_applied).count();
+    for (i, one) in patched.history.iter().enumerate() {
+        record(ui, (i < applied).then_some(i + 1), one, i);
     }
-    let gate = state.undo_gate();
-    let mut undoes = false;
+    let last = applied.checked_sub(1).and_then(|i| patched.history.get(i));
+    let Some(last) = last else { return };
+    ui.add_space(4.0);
+    let rig = last.changes.iter().filter(|c| c.of_rig).count();
+    heading(
+        ui,
+        &match rig {
+            0 => "Undo the last patch changes back".to_owned(),
+            rig => format!("Undo the last patch changes back, with {rig} calibration parameters"),
+        },
+    );
+    let effects = last.changes.iter().filter(|c| !c.of_rig);
+    for change in effects {
+        ui.label(RichText::new(change.back()).monospace());
+    }
+    let [undo, undo_edited] = [state.undo_gate(), state.undo_edited_gate()];
+    let (mut undoes, mut undoes_edited) = (false, false);
+    if let Some(edited) = &patched.edited {
+        let text = format!(
+            "{edited}: undo would take these edits off, too. They are set aside in {}.history if you do.",
+            patched
+                .path
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+        );
+        status(ui, Level::Warning, &text);
+    }
     ui.horizontal_wrapped(|ui| {
         let button = Button::new("↶ Undo the last patch");
         let hover = "Revert the last patch; the file is then as before, byte for byte";
-        undoes = gated(ui, &gate, button, hover).clicked();
+        undoes = gated(ui, &undo, button, hover).clicked();
+        if patched.edited.is_some() {
+            let button = Button::new("↶ Undo, edits set aside");
+            let hover = "Keep the file as you edited it beside, then revert its last patch";
+            undoes_edited = gated(ui, &undo_edited, button, hover).clicked();
+        }
         note(ui, "Patches stack: the last one is reverted first.");
     });
     ui.add_space(6.0);
@@ -328,5 +438,7 @@ fn accepted(ui: &mut Ui, state: &mut GapState, services: &mut Services) {
     });
     if undoes {
         state.undo(services);
+    } else if undoes_edited {
+        state.undo_edited(services);
     }
 }

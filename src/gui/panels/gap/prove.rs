@@ -376,6 +376,7 @@ fn ways(ui: &mut Ui, outcome: &Outcome) {
             mark_s: None,
             begins_s: outcome.found.finding.onset.map(|o| o.ci95),
             band: None,
+            limits: None,
             min_span: 2.0,
             legend: i == 0,
         }

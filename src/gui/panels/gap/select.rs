@@ -12,7 +12,7 @@ use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{
     badge, cell, cell_left, gated, heading, minutes, note, number, pane, status,
 };
-use crate::gui::services::gap::{Part, RobotMatch, SessionSheet};
+use crate::gui::services::gap::{Arm, Part, RobotMatch, SessionSheet};
 use crate::gui::services::{Dialog, DialogKind, Services};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
@@ -77,7 +77,11 @@ pub fn ui(
         state.select.scanned = true;
         let found = (services.scan)(services.recordings.path());
         state.select.scanning.begin(found);
-        state.select.kept.begin((services.gap.baseline)());
+        state.select.asked_for = None;
+    }
+    let arm = Arm::of(live.snapshot);
+    if state.select.asked_for != Some(arm) {
+        state.select.ask_for_baseline(arm, services);
     }
     let free = !state.running.is_busy();
     // What is known of a session needs more than the field of its path.
@@ -103,7 +107,13 @@ pub fn ui(
         ui.allocate_ui(vec2(left, height), |ui| {
             card(ui, |ui| {
                 ui.set_min_size(ui.available_size());
-                ui.add_enabled_ui(free, |ui| library(ui, &mut state.select, services));
+                match experiment::wanted(state) {
+                    // Nothing can be chosen meanwhile.
+                    Some(programme) => experiment::preview(ui, programme, live.spec),
+                    None => {
+                        ui.add_enabled_ui(free, |ui| library(ui, &mut state.select, services));
+                    }
+                }
             });
         });
         ui.vertical(|ui| {
@@ -231,6 +241,7 @@ fn kept(ui: &mut Ui, sheet: &SessionSheet, keeping: bool) -> bool {
 /// An age in days, in words.
 fn days(days: f64) -> String {
     match days {
+        d if d.is_nan() => "with the program".to_owned(),
         d if d < 1.0 => "today".to_owned(),
         d if d < 2.0 => "a day ago".to_owned(),
         d => format!("{} days ago", number(d.floor(), 0)),

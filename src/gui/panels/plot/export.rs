@@ -1,4 +1,5 @@
-//! What some plots show, as a file: a table, a picture, a drawing.
+//! What some plots show, as a file: a table, a picture, a figure for print. [`Table`] and [`figure`] are also what the command line
+//! makes such files of.
 
 use std::fmt::Write as _;
 
@@ -7,8 +8,8 @@ use egui::{Align2, Area, Frame, Id, Order, Rect, Ui};
 use super::TimeWindow;
 use super::names::{column, name};
 use super::series::{Dash, Series, Strip};
-use crate::analysis::history::Channel;
-use crate::charts::{Chart, Line};
+use crate::analysis::history::{Channel, History};
+use crate::charts::{COLUMN_MM, Figure, Line, Plot};
 use crate::gui::panels::files::Saving;
 use crate::gui::panels::picture::Picture;
 use crate::gui::services::{Content, Dialog, DialogKind, Services};
@@ -21,13 +22,15 @@ pub enum Format {
     Csv,
     /// A picture of the plots as they are shown.
     Png,
-    /// A drawing of the lines.
+    /// A figure for print.
     Svg,
+    /// A figure for print.
+    Pdf,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Csv, Self::Png, Self::Svg];
+    pub const ALL: [Self; 4] = [Self::Csv, Self::Png, Self::Svg, Self::Pdf];
 
     /// Its name.
     pub fn name(self) -> &'static str {
@@ -35,6 +38,7 @@ impl Format {
             Self::Csv => "CSV",
             Self::Png => "PNG",
             Self::Svg => "SVG",
+            Self::Pdf => "PDF",
         }
     }
 
@@ -43,7 +47,7 @@ impl Format {
         match self {
             Self::Csv => "the table",
             Self::Png => "the picture",
-            Self::Svg => "the drawing",
+            Self::Svg | Self::Pdf => "the figure",
         }
     }
 
@@ -52,7 +56,8 @@ impl Format {
         match self {
             Self::Csv => "Write the values of the signals in the time window as a table (.csv)",
             Self::Png => "Write a picture of the plots (.png)",
-            Self::Svg => "Write the lines of the plots as a drawing (.svg)",
+            Self::Svg => "Write the plots as a figure for print with 8 pt letters (.svg)",
+            Self::Pdf => "Write the plots as a figure for print with 8 pt letters (.pdf)",
         }
     }
 
@@ -61,6 +66,7 @@ impl Format {
             Self::Csv => "csv",
             Self::Png => "png",
             Self::Svg => "svg",
+            Self::Pdf => "pdf",
         }
     }
 }
@@ -80,8 +86,15 @@ struct Ready {
     format: Format,
     /// Suggested name of the file.
     name: String,
-    /// Its bytes; a picture is taken once the path is known.
-    content: Option<Content>,
+    content: Made,
+}
+
+/// What a file is made of.
+enum Made {
+    /// A picture is taken once the path is known.
+    Later,
+    Table(Content),
+    Figure(Figure),
 }
 
 /// A file of what some plots show.
@@ -89,6 +102,8 @@ struct Ready {
 pub struct Export {
     /// The kind of file that was asked for.
     pub wanted: Option<Format>,
+    /// Whether a figure is as wide as a single column of a journal, not as two.
+    is_single: bool,
     ready: Option<Ready>,
     picture: Picture,
     /// Where the plots are on screen.
@@ -117,16 +132,17 @@ impl Export {
             return;
         };
         let range_s = visible(view, window);
-        let content: Option<Content> = match format {
-            Format::Png => None,
+        let signals = view.signals(range_s);
+        let zero_s = view.history.zero_s();
+        let content = match format {
+            Format::Png => Made::Later,
             Format::Csv => {
-                let table = Table::of(view, range_s, strips);
+                let table = Table::of(signals, zero_s, range_s, &channels(strips));
                 let origin = view.origin();
-                Some(Box::new(move || Ok(table.csv(origin).into_bytes())))
+                Made::Table(Box::new(move || Ok(table.csv(origin).into_bytes())))
             }
-            Format::Svg => {
-                let charts = charts(view, range_s, strips);
-                Some(Box::new(move || Ok(drawing(&charts).into_bytes())))
+            Format::Svg | Format::Pdf => {
+                Made::Figure(figure(signals, zero_s, range_s, strips, view.origin()))
             }
         };
         self.saving.cancel();
@@ -190,6 +206,19 @@ impl Export {
             filter: Some((format.name().into(), vec![format.extension().into()])),
             name: ready.name.clone(),
         };
+        if matches!(ready.content, Made::Figure(_)) {
+            ui.horizontal(|ui| {
+                for (is_single, mm) in [(false, COLUMN_MM[1]), (true, COLUMN_MM[0])] {
+                    let name = if is_single {
+                        "One column"
+                    } else {
+                        "Two columns"
+                    };
+                    ui.radio_value(&mut self.is_single, is_single, format!("{name}, {mm} mm"))
+                        .on_hover_text("Width of the figure on paper");
+                }
+            });
+        }
         let to = self.saving.ui(ui, format.hover(), dialog, services);
         if self.saving.is_asking() {
             return;
@@ -198,12 +227,21 @@ impl Export {
         let (Some(ready), Some(to)) = (self.ready.take(), to) else {
             return;
         };
-        match ready.content {
-            Some(content) => self
-                .saving
-                .write(to, ready.format.written(), content, services),
-            None => self.picture.take(to),
-        }
+        let content: Content = match ready.content {
+            Made::Later => return self.picture.take(to),
+            Made::Table(content) => content,
+            Made::Figure(mut figure) => {
+                figure.size_mm[0] = COLUMN_MM[usize::from(!self.is_single)];
+                Box::new(move || {
+                    Ok(match format {
+                        Format::Pdf => figure.pdf(),
+                        _ => figure.svg().into_bytes(),
+                    })
+                })
+            }
+        };
+        self.saving
+            .write(to, ready.format.written(), content, services);
     }
 }
 
@@ -225,22 +263,34 @@ fn channels(strips: &[Strip]) -> Vec<Channel> {
 }
 
 /// Values of some signals over time.
-struct Table {
+pub struct Table {
     zero_s: f64,
     columns: Vec<(String, Vec<[f64; 2]>)>,
 }
 
 impl Table {
-    fn of(view: &View<'_>, range_s: [f64; 2], strips: &[Strip]) -> Self {
-        let signals = view.signals(range_s);
-        let columns = channels(strips).into_iter().map(|c| {
-            let points = signals.points(c, range_s[0], range_s[1]).collect();
-            (column(c), points)
+    /// The values of some signals within `range_s`, s; times are counted from `zero_s`.
+    pub fn of(signals: &History, zero_s: f64, range_s: [f64; 2], channels: &[Channel]) -> Self {
+        let [from_s, to_s] = range_s;
+        let columns = channels.iter().map(|c| {
+            let points = signals.points(*c, from_s, to_s).collect();
+            (column(*c), points)
         });
         Self {
-            zero_s: view.history.zero_s(),
+            zero_s,
             columns: columns.collect(),
         }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.instants().len()
+    }
+
+    /// The first signal that has no value at all, by the name of its column.
+    pub fn without(&self) -> Option<&str> {
+        let empty = self.columns.iter().find(|(_, points)| points.is_empty());
+        empty.map(|(name, _)| name.as_str())
     }
 
     /// The instants at which any of the signals has a value, s.
@@ -252,8 +302,8 @@ impl Table {
         all
     }
 
-    /// A row for each instant, s since the session or the recording began; a signal without a value there has an empty cell.
-    fn csv(&self, origin: &str) -> String {
+    /// A row for each instant, with where the data come from; a signal without a value there has an empty cell.
+    pub fn csv(&self, origin: &str) -> String {
         let mut text = String::from("t_s");
         for (name, _) in &self.columns {
             let _ = write!(text, ",{name}");
@@ -277,16 +327,24 @@ impl Table {
     }
 }
 
-/// Points of a line of a drawing are not closer than this part of its width.
-const PIXELS: usize = 1600;
+/// A line has at most two points in this part of the width of a figure for two columns.
+const SLOTS: usize = 1200;
+/// Height of a figure's plot, of its legend and of what stands below the lowest, mm.
+const HEIGHTS_MM: [f64; 3] = [32.0, 3.6, 11.0];
 
-fn charts(view: &View<'_>, range_s: [f64; 2], strips: &[Strip]) -> Vec<Chart> {
+/// The figure for print of some plots within `range_s`, s, as wide as two columns; times are counted from `zero_s`. Where the data
+/// come from (`origin`) stands in it unless it is hardware.
+pub fn figure(
+    signals: &History,
+    zero_s: f64,
+    range_s: [f64; 2],
+    strips: &[Strip],
+    origin: &str,
+) -> Figure {
     let [from, to] = range_s;
-    let zero_s = view.history.zero_s();
-    let signals = view.signals(range_s);
     let line = |k: usize, s: &Series| {
         let mut points = Vec::new();
-        for piece in signals.envelope(s.channel, from, to, PIXELS) {
+        for piece in signals.envelope(s.channel, from, to, SLOTS) {
             points.extend(piece.iter().map(|p| (p[0] - zero_s, p[1])));
             // Where a line breaks.
             points.push((f64::NAN, f64::NAN));
@@ -300,38 +358,40 @@ fn charts(view: &View<'_>, range_s: [f64; 2], strips: &[Strip]) -> Vec<Chart> {
             ..Line::new(name(s.channel), colour, points)
         }
     };
-    strips
-        .iter()
-        .map(|strip| Chart {
-            title: format!("{} ({} data)", strip.title, view.origin()),
-            x: "time / s",
-            y: strip.series.first().map_or("", |s| s.channel.unit()),
-            lines: strip
-                .series
-                .iter()
-                .enumerate()
-                .map(|(k, s)| line(k, s))
-                .collect(),
-            ..Chart::default()
-        })
-        .collect()
-}
-
-/// Height and width of one chart.
-const CHART: [usize; 2] = [900, 420];
-
-/// Charts below each other as one SVG.
-fn drawing(charts: &[Chart]) -> String {
-    let [wide, high] = [CHART[0], CHART[1] * charts.len().max(1)];
-    let mut text = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{wide}\" height=\"{high}\" viewBox=\"0 0 {wide} {high}\">\n"
-    );
-    for (i, chart) in charts.iter().enumerate() {
-        let place = format!("<svg y=\"{}\" ", i * CHART[1]);
-        text.push_str(&chart.svg().replacen("<svg ", &place, 1));
+    let plot = |strip: &Strip| {
+        let unit = strip.series.first().map_or("", |s| s.channel.unit());
+        let y = match strip.series.as_slice() {
+            [one] if unit.is_empty() => name(one.channel),
+            [one] => format!("{} / {unit}", name(one.channel)),
+            _ => unit.to_owned(),
+        };
+        let lines = strip.series.iter().enumerate();
+        Plot {
+            y,
+            lines: lines.map(|(k, s)| line(k, s)).collect(),
+        }
+    };
+    let plots: Vec<Plot> = strips.iter().map(plot).collect();
+    let [each, row, foot] = HEIGHTS_MM;
+    let rows = strips.iter().map(|s| match s.series.len() {
+        0 | 1 => 0,
+        n => n.div_ceil(6),
+    });
+    let rows: usize = rows.sum();
+    Figure {
+        size_mm: [
+            COLUMN_MM[1],
+            each * plots.len().max(1) as f64 + row * rows as f64 + foot,
+        ],
+        x: "time / s".to_owned(),
+        x_range: [from - zero_s, to - zero_s],
+        note: match origin {
+            "hardware" => String::new(),
+            "simulated" => "simulated data".to_owned(),
+            origin => origin.to_owned(),
+        },
+        plots,
     }
-    text.push_str("</svg>\n");
-    text
 }
 
 #[cfg(test)]
@@ -367,7 +427,9 @@ mod tests {
             })
             .collect();
         let range = visible(&view, &window);
-        let csv = Table::of(&view, range, &strips).csv("simulated");
+        let table = Table::of(&history, 100.0, range, &channels(&strips));
+        let csv = table.csv("simulated");
+        assert_eq!(table.rows() + 1, csv.lines().count());
         let mut lines = csv.lines();
         assert_eq!(lines.next(), Some("t_s,tip_x_mm,tip_y_mm,origin"));
         let t_s: Vec<f64> = lines
@@ -392,9 +454,73 @@ mod tests {
             csv.lines()
                 .all(|l| l.split(',').count() == 4 && !l.contains(",,"))
         );
-        let svg = drawing(&charts(&view, range, &strips));
-        assert_eq!(svg.matches("<svg").count(), 3);
-        assert_eq!(svg.matches("</svg>").count(), 3);
-        assert!(svg.contains("Tip x") && svg.contains("Tip y") && !svg.contains("NaN"));
+        let figure = figure(&history, 100.0, range, &strips, "simulated");
+        assert_eq!(figure.size_mm[0], 174.0);
+        let svg = figure.svg();
+        for text in ["Tip x / mm", "Tip y / mm", "time / s", "simulated data"] {
+            assert!(svg.contains(&format!(">{text}</text>")), "{text}");
+        }
+        assert!(!svg.contains("NaN"));
+    }
+
+    /// Numbers in attributes of this name, in order.
+    fn numbers(text: &str) -> Vec<f64> {
+        let split = text.split(|c: char| !(c.is_ascii_digit() || ".-".contains(c)));
+        let texts = split.filter(|t| !t.is_empty());
+        texts.map(|t| t.parse().expect("a number")).collect()
+    }
+
+    #[test]
+    fn the_lines_of_a_figure_pass_through_the_values_of_the_table() {
+        let session: Vec<_> = (0..200)
+            .map(|i| fixture::snapshot(f64::from(i) * 0.02))
+            .collect();
+        let history = History::of(session.iter());
+        let strip = Strip {
+            title: "Tip / mm".into(),
+            series: vec![Series::solid(Channel::Tip(1), "y")],
+            min_span: 1.0,
+        };
+        let range_s = [0.5, 3.5];
+        let csv = Table::of(&history, 0.0, range_s, &[Channel::Tip(1)]).csv("simulated");
+        let rows: Vec<Vec<f64>> = csv
+            .lines()
+            .skip(1)
+            .map(|l| numbers(l.trim_end_matches(",simulated")))
+            .collect();
+        let figure = figure(&history, 0.0, range_s, &[strip], "simulated");
+        let svg = figure.svg();
+        // Where two marks of either axis are gives the scale.
+        let all: Vec<(f64, f64, f64)> = svg
+            .lines()
+            .filter_map(|l| {
+                let text = l.strip_suffix("</text>")?.rsplit_once('>')?;
+                let value: f64 = text.1.replace('−', "-").parse().ok()?;
+                let at = numbers(text.0.split("text-anchor").next()?);
+                Some((value, at[0], at[1]))
+            })
+            .collect();
+        let scale = |pairs: Vec<(f64, f64)>| {
+            let (first, last) = (pairs[0], pairs[pairs.len() - 1]);
+            let slope = (last.0 - first.0) / (last.1 - first.1);
+            move |at: f64| first.0 + slope * (at - first.1)
+        };
+        let lowest = all.iter().map(|m| m.2).fold(0.0, f64::max);
+        let (below, beside): (Vec<_>, Vec<_>) = all.iter().copied().partition(|m| m.2 == lowest);
+        let t_s = scale(below.iter().map(|m| (m.0, m.1)).collect());
+        // A number stands 2.8 pt below the line that it names.
+        let mm = scale(beside.iter().map(|m| (m.0, m.2 - 2.8)).collect());
+        let line = svg.lines().find(|l| l.contains("stroke=\"#0072b2\""));
+        let d = line.expect("a line").split('"').nth(1).expect("its path");
+        let drawn = numbers(d);
+        assert_eq!(drawn.len(), 2 * rows.len());
+        let [lo, hi] = rows.iter().fold([f64::MAX, f64::MIN], |[lo, hi], r| {
+            [lo.min(r[1]), hi.max(r[1])]
+        });
+        for (at, row) in drawn.chunks(2).zip(&rows) {
+            assert!((t_s(at[0]) - row[0]).abs() < 2e-3, "{at:?} {row:?}");
+            let off = (mm(at[1]) - row[1]).abs();
+            assert!(off < 1e-3 * (hi - lo), "{at:?} {row:?}: {off}");
+        }
     }
 }

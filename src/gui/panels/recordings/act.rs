@@ -17,18 +17,21 @@ pub enum Act {
     Gap(Part),
     /// Give it another name.
     Rename,
+    /// Make a film of it.
+    Video,
     /// Show it in the Rerun viewer.
     Rerun,
 }
 
 impl Act {
     /// All there are, in the order of the menu.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Load(Side::A),
         Self::Load(Side::B),
         Self::Gap(Part::Healthy),
         Self::Gap(Part::Suspect),
         Self::Rename,
+        Self::Video,
         Self::Rerun,
     ];
 
@@ -40,6 +43,7 @@ impl Act {
             Self::Gap(Part::Healthy) => "Use as healthy session",
             Self::Gap(Part::Suspect) => "Use as suspect session",
             Self::Rename => "Rename…",
+            Self::Video => "Video…",
             Self::Rerun => "Open in Rerun",
         }
     }
@@ -54,6 +58,7 @@ impl Act {
                 "The Gap screen then looks in it for what the model is missing"
             }
             Self::Rename => "Its notes and further files move along",
+            Self::Video => "Make a video of the arm with its error or springs below it",
             Self::Rerun => "Show it in the Rerun viewer",
         }
     }
@@ -71,7 +76,8 @@ pub fn act_gate(
             Err(format!("A recording is being loaded as {}.", side.name()))
         }
         Act::Rename => rename::rename_gate(library, entry, player),
-        Act::Gap(_) if library.is_under_way(entry) => {
+        Act::Video if library.film.is_busy() => Err("A video is being made.".into()),
+        Act::Gap(_) | Act::Video if library.is_under_way(entry) => {
             Err("It is being recorded: end the recording first.".into())
         }
         _ => Ok(()),
@@ -85,6 +91,7 @@ impl Library {
             Act::Load(side) => self.load(path.to_owned(), (side, side == Side::B), services),
             Act::Gap(part) => self.for_gap = Some((part, path.to_owned())),
             Act::Rename => self.ask_name(path),
+            Act::Video => self.film.ask(path, services),
             Act::Rerun => self.opening.begin((services.open_in_rerun)(path)),
         }
     }

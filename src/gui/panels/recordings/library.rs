@@ -33,6 +33,7 @@ pub fn ui(ui: &mut Ui, library: &mut Library, player: &Option<Player>, services:
         actions(ui, library, player, services);
     }
     progress(ui, library);
+    library.film.ui(ui);
     Trouble::show_until_closed(&mut library.trouble, ui);
     if library.entries.is_empty() {
         note(
@@ -95,7 +96,12 @@ fn actions(ui: &mut Ui, library: &mut Library, player: &Player, services: &mut S
     let chosen = library.selected_entry().cloned();
     let mut wanted = None;
     ui.horizontal_wrapped(|ui| {
-        for act in [Act::Load(Side::A), Act::Load(Side::B), Act::Rerun] {
+        for act in [
+            Act::Load(Side::A),
+            Act::Load(Side::B),
+            Act::Video,
+            Act::Rerun,
+        ] {
             let gate = match &chosen {
                 Some(entry) => act_gate(library, entry, Some(player), act),
                 None => Err("Select a recording first.".to_owned()),

@@ -2,6 +2,7 @@
 
 mod act;
 mod details;
+mod film;
 mod folder;
 mod library;
 mod notes;
@@ -111,6 +112,8 @@ pub struct Library {
     pub notes: notes::Notes,
     /// The rolling recording.
     pub rolling: rolling::Rolling,
+    /// A film of a recording.
+    pub film: film::Film,
     /// What the list is searched for.
     search: String,
 }
@@ -257,6 +260,7 @@ impl Library {
             || self.preview.is_busy()
             || self.renaming.is_busy()
             || self.rolling.is_busy()
+            || self.film.is_busy()
             || self.pair.busy()
             || self.viewer.busy()
     }
@@ -329,6 +333,7 @@ impl Library {
         self.pair.poll();
         self.poll_notes(player, services);
         self.poll_rename(services);
+        self.film.poll(services);
         self.preview.poll();
         self.viewer.poll(commands);
         let mut refused = None;

@@ -172,6 +172,7 @@ fn next(ui: &mut Ui, library: &mut Library, entry: &RecordingEntry, services: &m
             Act::Load(Side::A),
             Act::Load(Side::B),
             Act::Gap(Part::Suspect),
+            Act::Video,
             Act::Rerun,
         ] {
             let button = Button::new(act.name()).min_size(vec2(0.0, 30.0));

@@ -1,8 +1,10 @@
 //! The finder drives the arm with the window: it asks, it is recorded, and STOP and HOLD end it.
 
 use super::*;
+use crate::analysis::history::Channel;
 use crate::gui::tests::conduct::{Asking, closed, connected, finished, plans};
-use crate::task::Leg;
+use crate::gui::theme::Palette;
+use crate::task::{Leg, Programme};
 
 /// Where the first excitation is recorded.
 const FIRST: &str = "data/experiments/1/round-1.rrd";
@@ -17,9 +19,17 @@ fn want(finder: &Finder, name: &str) {
 
 /// A window on the Gap screen with a kept baseline, and an experiment begun; its finder.
 fn begun(moves_hardware: bool) -> (Twin, Harness<'static, App>, Finder) {
+    begun_in(harness, moves_hardware)
+}
+
+/// The same in a window of one's own.
+fn begun_in(
+    window: impl FnOnce(App) -> Harness<'static, App>,
+    moves_hardware: bool,
+) -> (Twin, Harness<'static, App>, Finder) {
     let seen = Rc::new(RefCell::new(Seen::default()));
     let mut services = services(&seen);
-    services.gap.baseline = Box::new(|| Job::ready(Ok(Some(KEPT.into()))));
+    services.gap.baseline = Box::new(|_| Job::ready(Ok(Some(KEPT.into()))));
     let made = Rc::new(RefCell::new(None));
     let make = Rc::clone(&made);
     services.gap.experiment = Box::new(move |baseline, payload_kg| {
@@ -33,7 +43,7 @@ fn begun(moves_hardware: bool) -> (Twin, Harness<'static, App>, Finder) {
     let (twin, handle) = twin(first);
     let mut app = App::new(Some(handle), RobotSpec::reference(), services);
     app.screen = ScreenId::Gap;
-    let mut h = harness(app);
+    let mut h = window(app);
     h.run_steps(6);
     click(&mut h, "Run an experiment");
     let finder = made.borrow_mut().take().expect("an experiment");
@@ -142,4 +152,91 @@ fn a_click_on_the_disagreement_leads_to_the_finder() {
     };
     assert!(orders.contains(&mute), "{orders:?}");
     assert!(orders.contains(&Command::Unmute("spring lag".to_owned())));
+}
+
+/// Lines of this colour in a shape that lie within a place.
+fn lines(shape: &egui::Shape, color: egui::Color32, place: egui::Rect) -> usize {
+    match shape {
+        egui::Shape::Vec(shapes) => shapes.iter().map(|s| lines(s, color, place)).sum(),
+        egui::Shape::Path(path) => {
+            let drawn = path.stroke.color == egui::epaint::ColorMode::Solid(color);
+            let within = path.points.iter().all(|p| place.contains(*p));
+            usize::from(drawn && within && path.points.len() > 10)
+        }
+        _ => 0,
+    }
+}
+
+/// An excitation in which every chamber has another peak.
+fn loads() -> Programme {
+    let mut programme = Programme {
+        name: "loads".to_owned(),
+        seconds: 30.0,
+        ..Programme::default()
+    };
+    for (i, knots) in programme.knots.iter_mut().enumerate() {
+        let peak_pa = 1e3 * (i as f64 * 5.0 - 10.0);
+        *knots = (0..=60)
+            .map(|k| [0.5 * f64::from(k), peak_pa * (0.1 * f64::from(k)).sin()])
+            .collect();
+    }
+    programme
+}
+
+/// Hardware is asked: what will be set is drawn before it is driven.
+#[test]
+fn the_pressures_of_an_excitation_are_drawn_with_their_limits_before_it_is_driven() {
+    let (twin, mut h, finder) = begun(true);
+    finder.want_programme(loads(), "'loads' for 30 s: separates them", FIRST);
+    h.run_steps(6);
+    assert_eq!(plans(&twin.taken()).len(), 0, "nothing is driven yet");
+    h.get_by_label_contains("Hold to drive it");
+    for i in 1..=6 {
+        h.get_by_label(&format!("chamber {i}"));
+    }
+    h.get_by_label_contains("“loads” takes 30 s and sets ");
+    let limits = &RobotSpec::reference().pressure;
+    let words = format!(
+        "the limits are {:.0} and {:.0} kPa",
+        1e-3 * limits.min_pa,
+        1e-3 * limits.max_pa
+    );
+    h.get_by_label_contains(&words.replace('-', "−"));
+    let place = control(&h, "Pressures that it sets / kPa (dashed: limits)").rect();
+    let palette = Palette::of(Theme::Dark);
+    for i in 0..6 {
+        let color = palette.signal(Channel::ChamberSet(i));
+        let shapes = &h.output().shapes;
+        let drawn: usize = shapes.iter().map(|s| lines(&s.shape, color, place)).sum();
+        assert_eq!(drawn, 1, "chamber {}", i + 1);
+    }
+}
+
+/// Plot, words and the consent below them are whole in small and large windows.
+#[test]
+fn the_preview_of_an_excitation_leaves_its_consent_in_sight() {
+    for [width, height] in [[1024.0, 700.0], [1280.0, 760.0], [2560.0, 1440.0]] {
+        let window = |app| {
+            Harness::builder()
+                .with_size([width, height])
+                .with_render_cursor(false)
+                .wgpu()
+                .build_eframe(|_| app)
+        };
+        let (_twin, mut h, finder) = begun_in(window, true);
+        finder.want_programme(loads(), "'loads' for 30 s: separates them", FIRST);
+        h.run_steps(6);
+        let name = format!("gap-experiment-{width}x{height}");
+        let image = h.render().expect("a GPU or a software renderer draws");
+        save(&name, &image);
+        assert_drawn(&h, &image, &name);
+        let window = egui::Rect::from_min_size(egui::Pos2::ZERO, egui::vec2(width, height));
+        let plot = control(&h, "Pressures that it sets / kPa (dashed: limits)").rect();
+        let consent = h.get_by_label("▶ Hold to drive it").rect();
+        assert!(window.contains_rect(plot) && window.contains_rect(consent));
+        assert!(
+            !plot.intersects(consent) && plot.height() > 60.0,
+            "{plot:?}"
+        );
+    }
 }

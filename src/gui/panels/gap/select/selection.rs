@@ -7,7 +7,7 @@ use crate::gap::report::Origin;
 use crate::gui::panels::files::PathField;
 use crate::gui::panels::gap::Trouble;
 use crate::gui::panels::widgets::{Gate, number};
-use crate::gui::services::gap::{ExamplePair, Part, RobotMatch, SessionSheet};
+use crate::gui::services::gap::{Arm, ExamplePair, Part, RobotMatch, SessionSheet};
 use crate::gui::services::{Pending, RecordingEntry, Services};
 
 /// One chosen session.
@@ -47,6 +47,10 @@ pub struct Selection {
     pub(super) scanning: Pending<Vec<RecordingEntry>>,
     /// Where the baseline of this robot is kept.
     pub(super) kept: Pending<Option<PathBuf>>,
+    /// Which arm it was asked for.
+    pub(super) asked_for: Option<Arm>,
+    /// The baseline that was chosen without the operator.
+    by_itself: Option<PathBuf>,
     pub(super) keeping: Pending<PathBuf>,
     pub(in crate::gui::panels::gap) making: Pending<ExamplePair>,
     pub(super) example: Option<ExamplePair>,
@@ -69,6 +73,18 @@ impl Selection {
         services: &mut Services,
     ) {
         self.slots[part as usize].choose(path, services);
+    }
+
+    /// Asks for the baseline of the arm that the window is on; one that was chosen without the operator for another arm is not kept.
+    pub(super) fn ask_for_baseline(&mut self, arm: Arm, services: &mut Services) {
+        if self.asked_for != Some(arm)
+            && let Some(path) = self.by_itself.take()
+            && self.slots[0].path.text == path.display().to_string()
+        {
+            self.slots[0] = Slot::default();
+        }
+        self.asked_for = Some(arm);
+        self.kept.begin((services.gap.baseline)(arm));
     }
 
     /// Looks for sessions again, when the step is shown next.
@@ -124,6 +140,7 @@ impl Selection {
             && self.slots[0].path.text.is_empty()
         {
             self.slots[0].choose(&path, services);
+            self.by_itself = Some(path);
         }
         match self.keeping.take() {
             Some(Ok(path)) => self.slots[0].choose(&path, services),

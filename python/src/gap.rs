@@ -1,0 +1,363 @@
+//! The gap finder on files: what the commands `gap commission`, `gap run`, `gap discover` and `gap apply` do.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde_json::json;
+use springtwin::drive::stopwatch;
+use springtwin::gap::{self, Commissioned, Grid, LawVerdict, Options, Patch, Progress, Traces};
+use springtwin::lab::commission::{beyond, kinds, patch_of};
+use springtwin::lab::gap_files::{
+    Known, excitations, read_grids, read_known, sessions_among, write_all, write_forces,
+};
+use springtwin::lab::patches::{read_patch, robot_of, text_with};
+use springtwin::lab::provenance;
+use springtwin::recording::write_text;
+use springtwin::robot::{RobotSpec, without_last_patch};
+use springtwin::sim::effects::{EFFECTS, Effect, effect, table as all_effects};
+use springtwin::sim::patch::Acts;
+
+use crate::arrays::{flat, shaped};
+use crate::error::refused;
+use crate::interrupt::Watched;
+use crate::places::{all_free, free};
+use crate::robot::Robot;
+
+/// What `gap run --out` writes.
+const FOUND: [&str; 4] = ["patch.toml", "finding.json", "report.html", "overlay.rrd"];
+/// What `gap discover --out` writes.
+const DISCOVERED: [&str; 6] = [
+    "patch.toml",
+    "law.json",
+    "forces.csv",
+    "finding.json",
+    "report.html",
+    "overlay.rrd",
+];
+
+/// The table of effects (JSON).
+#[pyfunction]
+pub fn effects() -> String {
+    let rows = EFFECTS.iter().map(|e| {
+        json!({
+            "id": e.id, "name": e.name, "doc": e.doc, "source": e.source,
+            "parameters": e.parameters.iter().map(|p| json!({
+                "name": p.name, "unit": p.unit, "nominal": p.nominal, "bounds": p.bounds,
+            })).collect::<Vec<_>>(),
+        })
+    });
+    serde_json::Value::from_iter(rows).to_string()
+}
+
+/// The effects with these ids; `None`: all.
+fn table(ids: Option<&[String]>) -> Result<Vec<&'static Effect>> {
+    let mut table = all_effects();
+    if let Some(ids) = ids {
+        if let Some(id) = ids.iter().find(|id| effect(id).is_none()) {
+            bail!("there is no effect '{id}': see springtwin.gap.effects()");
+        }
+        table.retain(|e| ids.iter().any(|id| id == e.id));
+    }
+    Ok(table)
+}
+
+/// Sessions of a search, and what may be written.
+#[derive(FromPyObject)]
+pub struct Search {
+    baseline: Vec<PathBuf>,
+    sessions: Vec<PathBuf>,
+    prove: Vec<PathBuf>,
+    table: Option<Vec<String>>,
+    seed: u64,
+    without_cameras: bool,
+    out: Option<PathBuf>,
+    overwrite: bool,
+    simulated: bool,
+}
+
+/// What a search reads.
+struct Data {
+    healthy: Known,
+    suspects: Vec<Grid>,
+    options: Options,
+    differences: Vec<String>,
+    note: Option<String>,
+}
+
+impl Search {
+    fn read(&self, robot: &RobotSpec) -> Result<Data> {
+        let (differences, note) = provenance::of_gap(
+            sessions_among(&self.baseline),
+            self.sessions.iter().map(PathBuf::as_path),
+        )?;
+        let mut suspects = read_grids(&self.sessions)?;
+        if self.without_cameras {
+            let without = |g: Grid| Grid::new(g.session.without_cameras());
+            suspects = suspects
+                .into_iter()
+                .map(without)
+                .collect::<std::result::Result<_, _>>()?;
+        }
+        Ok(Data {
+            healthy: read_known(&self.baseline)?,
+            suspects,
+            options: Options {
+                seed: self.seed,
+                excitations: excitations(robot),
+                prove: read_grids(&self.prove)?,
+                from_start: false,
+            },
+            differences,
+            note,
+        })
+    }
+
+    fn place(&self, names: &[&str]) -> Result<()> {
+        match &self.out {
+            Some(out) => all_free(out, names, self.overwrite),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Finding (JSON), patch (TOML) and series for pictures.
+type FoundParts<'py> = (String, String, Bound<'py, PyDict>);
+
+/// Finds what is missing in the model, as `gap run` does.
+#[pyfunction]
+#[pyo3(signature = (robot, search, progress))]
+pub fn find<'py>(
+    py: Python<'py>,
+    robot: &Robot,
+    search: Search,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<FoundParts<'py>> {
+    let (spec, watched) = (&robot.spec, Watched::new(progress));
+    let found = py
+        .detach(|| found(spec, &search, &watched))
+        .map_err(|e| watched.or_raised(e))?;
+    let (found, json) = found;
+    Ok((
+        json,
+        found.patch.to_toml(),
+        traces(py, &found.finding.traces)?,
+    ))
+}
+
+fn found(
+    robot: &RobotSpec,
+    search: &Search,
+    progress: &dyn Progress,
+) -> Result<(gap::Found, String)> {
+    search.place(&FOUND)?;
+    let start = stopwatch();
+    let table = table(search.table.as_deref())?;
+    let data = search.read(robot)?;
+    let mut found = gap::find(
+        robot,
+        &table,
+        data.healthy.healthy(),
+        &data.suspects,
+        &data.options,
+        progress,
+    )?;
+    found.finding.seconds = (stopwatch() - start).as_secs_f64();
+    found.finding.notes.extend(data.note);
+    if let Some(dir) = &search.out {
+        write_all(dir, &found, &found.patch, search.simulated)?;
+    }
+    let mut json = serde_json::to_value(&found.finding)?;
+    json["differences"] = json!(data.differences);
+    Ok((found, json.to_string()))
+}
+
+/// Law (JSON), finding (JSON), patch (TOML) and series for pictures.
+type DiscoveredParts<'py> = (String, String, String, Bound<'py, PyDict>);
+
+/// Looks for what is missing as a law, as `gap discover` does.
+#[pyfunction]
+#[pyo3(signature = (robot, search, progress))]
+pub fn discover<'py>(
+    py: Python<'py>,
+    robot: &Robot,
+    search: Search,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<DiscoveredParts<'py>> {
+    let (spec, watched) = (&robot.spec, Watched::new(progress));
+    let (found, law, finding) = py
+        .detach(|| discovered(spec, &search, &watched))
+        .map_err(|e| watched.or_raised(e))?;
+    let series = traces(py, &found.finding.traces)?;
+    Ok((law, finding, found.patch.to_toml(), series))
+}
+
+fn discovered(
+    robot: &RobotSpec,
+    search: &Search,
+    progress: &dyn Progress,
+) -> Result<(gap::Found, String, String)> {
+    search.place(&DISCOVERED)?;
+    let start = stopwatch();
+    let table = table(search.table.as_deref())?;
+    let data = search.read(robot)?;
+    let mut done = gap::discover(
+        robot,
+        &table,
+        data.healthy.healthy(),
+        &data.suspects,
+        &data.options,
+        progress,
+    )?;
+    done.discovery.seconds = (stopwatch() - start).as_secs_f64();
+    done.discovery.notes.extend(data.note);
+    done.found.finding.seconds = done.discovery.seconds;
+    if let Some(dir) = &search.out {
+        let grids: Vec<&Grid> = data.suspects.iter().chain(&data.options.prove).collect();
+        let forces = |robot: &RobotSpec| gap::residual_forces(robot, done.rig.as_ref(), &grids);
+        let without = forces(robot)?;
+        let with = match done.discovery.verdict {
+            LawVerdict::Law => Some(forces(&robot.patched(done.found.patch.clone()))?),
+            LawVerdict::NoLaw => None,
+        };
+        let tension = gap::strongest(&without[..data.suspects.len()]);
+        if let (LawVerdict::NoLaw, Some(d)) = (done.discovery.verdict, &tension) {
+            let note = format!("{}; see forces.csv.", d.text());
+            done.discovery.notes.push(note);
+        }
+        done.found.finding.traces.tension = tension;
+        write_all(dir, &done.found, &done.found.patch, search.simulated)?;
+        let law = serde_json::to_string_pretty(&done.discovery)?;
+        write_text(&dir.join("law.json"), &law)?;
+        write_forces(&dir.join("forces.csv"), &without, with.as_deref())?;
+    }
+    let mut law = serde_json::to_value(&done.discovery)?;
+    law["differences"] = json!(data.differences);
+    let finding = serde_json::to_string(&done.found.finding)?;
+    Ok((done.found, law.to_string(), finding))
+}
+
+/// Series for pictures, a row per instant.
+fn traces<'py>(py: Python<'py>, t: &Traces) -> PyResult<Bound<'py, PyDict>> {
+    let n = t.t_s.len();
+    let out = PyDict::new(py);
+    let points = |rows: &[[f64; 3]]| shaped(py, flat(rows.iter().copied()), [rows.len(), 3]);
+    let series = |rows: &[Vec<f64>]| -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let width = rows.first().map_or(0, Vec::len);
+        shaped(py, rows.concat(), [rows.len(), width])
+    };
+    out.set_item("t_s", PyArray1::from_slice(py, &t.t_s))?;
+    out.set_item("channels", &t.channels)?;
+    out.set_item("measured_m", points(&t.measured_m)?)?;
+    out.set_item("before_m", points(&t.before_m)?)?;
+    out.set_item("after_m", points(&t.after_m)?)?;
+    out.set_item("residual_before", series(&t.before)?)?;
+    out.set_item("residual_after", series(&t.after)?)?;
+    debug_assert!(t.before.iter().all(|row| row.len() == n));
+    Ok(out)
+}
+
+/// Fits a healthy rig, as `gap commission` does: patch (TOML), baseline (TOML), figures (JSON), and why the residual is larger
+/// than a healthy rig's (`None` where it is not).
+#[pyfunction]
+#[pyo3(signature = (robot, sessions, progress))]
+pub fn commission(
+    py: Python<'_>,
+    robot: &Robot,
+    sessions: Vec<PathBuf>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(String, String, String, Option<String>)> {
+    let (spec, watched) = (&robot.spec, Watched::new(progress));
+    let work = || -> Result<_> {
+        if sessions.is_empty() {
+            bail!("no session was given: name at least one of the healthy rig");
+        }
+        let rig = Commissioned::new(spec, &read_grids(&sessions)?, &watched)?;
+        let (patch, floor) = (patch_of(&rig), rig.arm.floor);
+        let kinds = kinds(&floor);
+        let warnings: Vec<String> = beyond(&kinds, |k| k.warn).into_iter().collect();
+        let json = json!({"rig": patch.rig, "floor": floor, "warnings": warnings});
+        let refused = beyond(&kinds, |k| k.refuse);
+        Ok((patch.to_toml(), rig.to_toml(), json.to_string(), refused))
+    };
+    py.detach(work).map_err(|e| watched.or_raised(e))
+}
+
+/// Applies a patch to a robot file, as `gap apply` does: the robot with it, and where its parts act (JSON).
+#[pyfunction]
+#[pyo3(signature = (robot, patch, patch_text, out, overwrite))]
+pub fn apply_patch(
+    robot: &Robot,
+    patch: Option<PathBuf>,
+    patch_text: Option<&str>,
+    out: Option<PathBuf>,
+    overwrite: bool,
+) -> PyResult<(Robot, String)> {
+    applied(
+        robot,
+        patch.as_deref(),
+        patch_text,
+        out.as_deref(),
+        overwrite,
+    )
+    .map_err(refused)
+}
+
+fn applied(
+    robot: &Robot,
+    path: Option<&Path>,
+    text: Option<&str>,
+    out: Option<&Path>,
+    overwrite: bool,
+) -> Result<(Robot, String)> {
+    if let Some(out) = out {
+        free(out, overwrite)?;
+    }
+    let (patch, name) = match (path, text) {
+        (Some(path), None) => (read_patch(path, &robot.spec)?, path.display().to_string()),
+        (None, Some(text)) => (Patch::from_toml(text)?, "the patch".to_owned()),
+        _ => bail!("give the file of a patch, or its text"),
+    };
+    let parts = patch.parts()?;
+    let (text, spec) = text_with(&robot.text, &patch).with_context(|| name)?;
+    if let Some(out) = out {
+        write_text(out, &text)?;
+    }
+    let of = |place: Acts| -> Vec<&str> {
+        let there = parts.iter().filter(|(_, acts)| *acts == place);
+        there.map(|(name, _)| name.as_str()).collect()
+    };
+    let json = json!({
+        "arm": of(Acts::Arm), "sensors": of(Acts::Sensors), "replay_only": of(Acts::Replay),
+    });
+    Ok((Robot { spec, text }, json.to_string()))
+}
+
+/// The robot before its last patch, as `gap apply --undo` gives it.
+#[pyfunction]
+#[pyo3(signature = (robot, out, overwrite))]
+pub fn revert_patch(robot: &Robot, out: Option<PathBuf>, overwrite: bool) -> PyResult<Robot> {
+    let work = || -> Result<Robot> {
+        if let Some(out) = &out {
+            free(out, overwrite)?;
+        }
+        let text = without_last_patch(&robot.text)?.to_owned();
+        let spec = robot_of(&text)?;
+        if let Some(out) = &out {
+            write_text(out, &text)?;
+        }
+        Ok(Robot { spec, text })
+    };
+    work().map_err(refused)
+}
+
+/// Writes a text beside its place and renames it.
+#[pyfunction]
+#[pyo3(name = "write_text")]
+pub fn write_file(path: PathBuf, text: &str, overwrite: bool) -> PyResult<()> {
+    free(&path, overwrite)
+        .and_then(|()| Ok(write_text(&path, text)?))
+        .map_err(refused)
+}
