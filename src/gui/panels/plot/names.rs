@@ -94,7 +94,7 @@ pub(super) fn is_positive(channel: Channel) -> bool {
     matches!(channel, Channel::Error(6 | 7) | Channel::Disagreement)
 }
 
-/// Signals chosen by name, in the order of [`groups`]. Kept as the names of [`column`]; unknown ones are left out.
+/// Signals chosen by name, in the order of [`groups`]. Kept as the names of [`column()`]; unknown ones are left out.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "Vec<String>", into = "Vec<String>")]
 pub struct Chosen(Vec<Channel>);
