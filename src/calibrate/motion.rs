@@ -32,6 +32,9 @@ fn rose(radius_m: f64, waypoints: usize) -> Path {
     }
 }
 
+/// Time at each pose after the arm has settled there, s: a pose is captured from half a second of rest, and the arm may
+/// still creep within its tolerance when it arrives.
+const REST_S: f64 = 1.5;
 /// Number of poses that [`poses`] visits.
 pub const POSES: usize = 17;
 
@@ -48,9 +51,10 @@ pub fn poses() -> Plan {
             z_m,
         ]))
     };
+    let name = format!("{POSES} poses for motion capture");
     Plan {
-        name: format!("{POSES} poses for motion capture"),
-        legs: (0..POSES).map(at).collect(),
+        rest_s: REST_S,
+        ..Plan::new(name, (0..POSES).map(at).collect())
     }
 }
 

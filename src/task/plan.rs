@@ -56,32 +56,37 @@ pub struct Plan {
     pub name: String,
     /// In order.
     pub legs: Vec<Leg>,
+    /// How long the arm rests at a goal once it has settled there, before the next leg begins, s.
+    pub rest_s: f64,
 }
 
 impl Plan {
+    /// Legs without a rest between them.
+    pub fn new(name: impl Into<String>, legs: Vec<Leg>) -> Self {
+        Self {
+            name: name.into(),
+            legs,
+            rest_s: 0.0,
+        }
+    }
+
     /// To one goal.
     pub fn goto(goal: Goal) -> Self {
-        Self {
-            name: "point to point".to_owned(),
-            legs: vec![Leg::Move(goal)],
-        }
+        Self::new("point to point", vec![Leg::Move(goal)])
     }
 
     /// Through a programme of pressures.
     pub fn excite(programme: Programme) -> Self {
-        Self {
-            name: programme.name.clone(),
-            legs: vec![Leg::Excite(Arc::new(programme))],
-        }
+        let name = programme.name.clone();
+        Self::new(name, vec![Leg::Excite(Arc::new(programme))])
     }
 
     /// To the first waypoint of a path, then along it (paper, section V-C). `None` for a path without waypoints.
     pub fn follow(follow: Follow) -> Option<Self> {
         let start = follow.path.waypoints_m.first()?;
-        Some(Self {
-            name: follow.path.name.clone(),
-            legs: vec![Leg::Move(Goal::position(*start)), Leg::Follow(follow)],
-        })
+        let start = Leg::Move(Goal::position(*start));
+        let name = follow.path.name.clone();
+        Some(Self::new(name, vec![start, Leg::Follow(follow)]))
     }
 
     /// Opens the gripper, then every item in turn into the basket (paper, section V-B): over the item, down, grip, up, over
@@ -107,12 +112,12 @@ impl Plan {
             ]
         });
         let names: Vec<&str> = items.iter().map(|i| i.name.as_str()).collect();
-        Self {
-            name: format!("pick and place: {}", names.join(", ")),
-            legs: std::iter::once(grip(Gripper::Open, 0.0))
+        Self::new(
+            format!("pick and place: {}", names.join(", ")),
+            std::iter::once(grip(Gripper::Open, 0.0))
                 .chain(legs)
                 .collect(),
-        }
+        )
     }
 
     /// Every programme of pressures in it.

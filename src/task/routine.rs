@@ -191,6 +191,8 @@ pub struct Routine {
     base_kg: f64,
     leg: usize,
     doing: Doing,
+    /// When the arm settled at the goal of this leg, while it rests there before the next one.
+    settled: Option<Stamp>,
     /// The goal of the present leg, or of the last one that had one.
     kept: Option<(Goal, Option<Reach>)>,
 }
@@ -205,6 +207,7 @@ impl Routine {
             reaches,
             base_kg,
             leg: 0,
+            settled: None,
             kept: None,
         };
         routine.begin(now);
@@ -294,6 +297,11 @@ impl Routine {
             Doing::Going(goto) => {
                 if let Some(arrival) = goto.update(estimate) {
                     happened.push(Happening::Arrived(arrival));
+                    self.settled.get_or_insert(now);
+                }
+                if let Some(since) = self.settled
+                    && now.since(since) >= self.plan.rest_s
+                {
                     self.proceed(now);
                 }
             }
@@ -344,6 +352,7 @@ impl Routine {
 
     /// On to the next leg, if there is one; at the end the last goal is kept.
     fn proceed(&mut self, now: Stamp) {
+        self.settled = None;
         if !self.is_over() {
             self.leg += 1;
             self.begin(now);
@@ -452,6 +461,26 @@ mod tests {
             ),
             "{words:?}"
         );
+    }
+
+    #[test]
+    fn the_arm_rests_at_each_goal_for_as_long_as_the_plan_says() {
+        let legs = [0.0, 0.01].map(|x_m| Leg::Move(Goal::position([x_m, 0.0, -0.3])));
+        let arrivals = |rest_s: f64| {
+            let plan = Plan {
+                rest_s,
+                ..Plan::new("two poses", legs.to_vec())
+            };
+            run(plan, 20.0).1.into_iter().map(|(t_s, _)| t_s).collect()
+        };
+        // First arrival, second arrival, end.
+        let [without, with]: [Vec<f64>; 2] = [arrivals(0.0), arrivals(1.5)];
+        assert_eq!((without.len(), with.len()), (3, 3));
+        assert_eq!(without[1], without[2]);
+        for (k, rests) in [0.0, 1.5, 3.0].into_iter().enumerate() {
+            let later_s = with[k] - without[k];
+            assert!((later_s - rests).abs() < 0.015, "{k}: {later_s} s");
+        }
     }
 
     #[test]

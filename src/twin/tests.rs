@@ -443,10 +443,7 @@ fn a_plan_with_one_stop_out_of_reach_moves_nothing() {
     let mut twin = twin();
     feed(&mut twin, 0, 20);
     let goal = |z_m: f64| crate::task::Leg::Move(Goal::position([0.0, 0.0, z_m]));
-    let plan = crate::task::Plan {
-        name: "two stops".to_owned(),
-        legs: vec![goal(-0.304), goal(-5.0)],
-    };
+    let plan = crate::task::Plan::new("two stops", vec![goal(-0.304), goal(-5.0)]);
     let (_, mut events) = twin.tick(
         at(20),
         Some(frame(20)),

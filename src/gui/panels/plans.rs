@@ -250,7 +250,7 @@ impl PlanState {
                     Passing::Stop => {
                         let goals = self.points_m.iter().map(|p| Goal::position(*p));
                         let legs = goals.map(Leg::Move).collect();
-                        Ok(Plan { name, legs })
+                        Ok(Plan::new(name, legs))
                     }
                     Passing::Follow if self.points_m.len() < 3 => {
                         Err("A closed line needs three waypoints: add more, or stop at each.".into())

@@ -83,12 +83,8 @@ fn above(z_m: f64) -> Twin {
 #[test]
 fn goals_and_ways_within_a_space_that_is_kept_out_of_are_refused() {
     let table_m = -0.3055;
-    let through = Plan {
-        name: "down".to_owned(),
-        legs: [-0.304, -0.306]
-            .map(|z| crate::task::Leg::Move(Goal::position([0.0, 0.0, z])))
-            .to_vec(),
-    };
+    let down = [-0.304, -0.306].map(|z| crate::task::Leg::Move(Goal::position([0.0, 0.0, z])));
+    let through = Plan::new("down", down.to_vec());
     for command in [
         Command::Goto(Goal::position([0.0, 0.0, -0.306])),
         Command::Start(through),
@@ -171,12 +167,7 @@ fn a_plan_that_would_drop_its_load_first_is_refused() {
         gripper,
         payload_kg: 0.0,
     };
-    let plan = |legs: &[crate::task::Leg]| {
-        Command::Start(Plan {
-            name: "hand".to_owned(),
-            legs: legs.to_vec(),
-        })
-    };
+    let plan = |legs: &[crate::task::Leg]| Command::Start(Plan::new("hand", legs.to_vec()));
     let way = crate::task::Leg::Move(Goal::position([0.0, 0.0, -0.304]));
     let load = [Command::Arm, Command::DeclarePayload(0.2)];
     twin.tick(at(20), Some(frame(20)), &load);
@@ -389,13 +380,11 @@ fn a_plan_does_not_open_a_closed_gripper_first_on_hardware() {
     link.gripper = Some(Gripper::Closed);
     h.twin.observe_link(link);
     h.arm();
-    let opens = Command::Start(Plan {
-        name: "hand".to_owned(),
-        legs: vec![crate::task::Leg::Grip {
-            gripper: Gripper::Open,
-            payload_kg: 0.0,
-        }],
-    });
+    let open = crate::task::Leg::Grip {
+        gripper: Gripper::Open,
+        payload_kg: 0.0,
+    };
+    let opens = Command::Start(Plan::new("hand", vec![open]));
     h.refuses(opens, "may hold something");
 }
 
@@ -453,12 +442,8 @@ fn a_supply_that_is_still_on_after_a_reset_is_cut_again() {
 #[test]
 fn a_way_through_a_space_that_is_kept_out_of_is_refused() {
     let stops = [[0.08, 0.0, -0.30], [-0.08, 0.0, -0.30]];
-    let plan = Plan {
-        name: "across".to_owned(),
-        legs: stops
-            .map(|m| crate::task::Leg::Move(Goal::position(m)))
-            .to_vec(),
-    };
+    let legs = stops.map(|m| crate::task::Leg::Move(Goal::position(m)));
+    let plan = Plan::new("across", legs.to_vec());
     for (z_m, is_refused) in [(-0.303, true), (-0.34, false)] {
         let mut twin = shipped_above(z_m);
         feed(&mut twin, 0, 20);

@@ -117,10 +117,7 @@ fn an_arm_that_is_held_off_gives_way() {
                     b.tell(Command::Arm);
                     b.tell(if on_path {
                         let legs = [NEAR_M, under_m, FAR_M].map(|m| Leg::Move(Goal::position(m)));
-                        Command::Start(Plan {
-                            name: "down and aside".to_owned(),
-                            legs: legs.to_vec(),
-                        })
+                        Command::Start(Plan::new("down and aside", legs.to_vec()))
                     } else {
                         Command::Goto(Goal::position(under_m))
                     });
