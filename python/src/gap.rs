@@ -7,16 +7,13 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::json;
-use springtwin::drive::stopwatch;
-use springtwin::gap::{self, Commissioned, Grid, LawVerdict, Options, Patch, Progress, Traces};
+use springtwin::gap::{Commissioned, Patch, Traces};
 use springtwin::lab::commission::{beyond, kinds, patch_of};
-use springtwin::lab::gap_files::{
-    Known, excitations, read_grids, read_known, sessions_among, write_all, write_forces,
-};
+use springtwin::lab::gap_files::read_grids;
 use springtwin::lab::patches::{read_patch, robot_of, text_with};
-use springtwin::lab::provenance;
+use springtwin::lab::search::{self, DISCOVERED, FOUND};
 use springtwin::recording::write_text;
-use springtwin::robot::{RobotSpec, without_last_patch};
+use springtwin::robot::without_last_patch;
 use springtwin::sim::effects::{EFFECTS, Effect, effect, table as all_effects};
 use springtwin::sim::patch::Acts;
 
@@ -25,18 +22,6 @@ use crate::error::refused;
 use crate::interrupt::Watched;
 use crate::places::{all_free, free};
 use crate::robot::Robot;
-
-/// What `gap run --out` writes.
-const FOUND: [&str; 4] = ["patch.toml", "finding.json", "report.html", "overlay.rrd"];
-/// What `gap discover --out` writes.
-const DISCOVERED: [&str; 6] = [
-    "patch.toml",
-    "law.json",
-    "forces.csv",
-    "finding.json",
-    "report.html",
-    "overlay.rrd",
-];
 
 /// The table of effects (JSON).
 #[pyfunction]
@@ -78,48 +63,22 @@ pub struct Search {
     simulated: bool,
 }
 
-/// What a search reads.
-struct Data {
-    healthy: Known,
-    suspects: Vec<Grid>,
-    options: Options,
-    differences: Vec<String>,
-    note: Option<String>,
-}
-
 impl Search {
-    fn read(&self, robot: &RobotSpec) -> Result<Data> {
-        let (differences, note) = provenance::of_gap(
-            sessions_among(&self.baseline),
-            self.sessions.iter().map(PathBuf::as_path),
-        )?;
-        let mut suspects = read_grids(&self.sessions)?;
-        if self.without_cameras {
-            let without = |g: Grid| Grid::new(g.session.without_cameras());
-            suspects = suspects
-                .into_iter()
-                .map(without)
-                .collect::<std::result::Result<_, _>>()?;
+    /// The search of the library; refuses one whose files (`names`) are there already.
+    fn ready(self, names: &[&str]) -> Result<search::Search> {
+        if let Some(out) = &self.out {
+            all_free(out, names, self.overwrite)?;
         }
-        Ok(Data {
-            healthy: read_known(&self.baseline)?,
-            suspects,
-            options: Options {
-                seed: self.seed,
-                excitations: excitations(robot),
-                prove: read_grids(&self.prove)?,
-                from_start: false,
-            },
-            differences,
-            note,
+        Ok(search::Search {
+            table: table(self.table.as_deref())?,
+            baseline: self.baseline,
+            sessions: self.sessions,
+            prove: self.prove,
+            seed: self.seed,
+            without_cameras: self.without_cameras,
+            out: self.out,
+            simulated: self.simulated,
         })
-    }
-
-    fn place(&self, names: &[&str]) -> Result<()> {
-        match &self.out {
-            Some(out) => all_free(out, names, self.overwrite),
-            None => Ok(()),
-        }
     }
 }
 
@@ -136,42 +95,14 @@ pub fn find<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<FoundParts<'py>> {
     let (spec, watched) = (&robot.spec, Watched::new(progress));
-    let found = py
-        .detach(|| found(spec, &search, &watched))
-        .map_err(|e| watched.or_raised(e))?;
-    let (found, json) = found;
-    Ok((
-        json,
-        found.patch.to_toml(),
-        traces(py, &found.finding.traces)?,
-    ))
-}
-
-fn found(
-    robot: &RobotSpec,
-    search: &Search,
-    progress: &dyn Progress,
-) -> Result<(gap::Found, String)> {
-    search.place(&FOUND)?;
-    let start = stopwatch();
-    let table = table(search.table.as_deref())?;
-    let data = search.read(robot)?;
-    let mut found = gap::find(
-        robot,
-        &table,
-        data.healthy.healthy(),
-        &data.suspects,
-        &data.options,
-        progress,
-    )?;
-    found.finding.seconds = (stopwatch() - start).as_secs_f64();
-    found.finding.notes.extend(data.note);
-    if let Some(dir) = &search.out {
-        write_all(dir, &found, &found.patch, search.simulated)?;
-    }
-    let mut json = serde_json::to_value(&found.finding)?;
-    json["differences"] = json!(data.differences);
-    Ok((found, json.to_string()))
+    let work = || -> Result<_> {
+        let found = search.ready(&FOUND)?.find(spec, &watched)?;
+        let json = found.json(&found.result.finding)?.to_string();
+        Ok((json, found.result))
+    };
+    let (json, found) = py.detach(work).map_err(|e| watched.or_raised(e))?;
+    let series = traces(py, &found.finding.traces)?;
+    Ok((json, found.patch.to_toml(), series))
 }
 
 /// Law (JSON), finding (JSON), patch (TOML) and series for pictures.
@@ -187,56 +118,15 @@ pub fn discover<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<DiscoveredParts<'py>> {
     let (spec, watched) = (&robot.spec, Watched::new(progress));
-    let (found, law, finding) = py
-        .detach(|| discovered(spec, &search, &watched))
-        .map_err(|e| watched.or_raised(e))?;
+    let work = || -> Result<_> {
+        let done = search.ready(&DISCOVERED)?.discover(spec, &watched)?;
+        let law = done.json(&done.result.discovery)?.to_string();
+        let finding = serde_json::to_string(&done.result.found.finding)?;
+        Ok((law, finding, done.result.found))
+    };
+    let (law, finding, found) = py.detach(work).map_err(|e| watched.or_raised(e))?;
     let series = traces(py, &found.finding.traces)?;
     Ok((law, finding, found.patch.to_toml(), series))
-}
-
-fn discovered(
-    robot: &RobotSpec,
-    search: &Search,
-    progress: &dyn Progress,
-) -> Result<(gap::Found, String, String)> {
-    search.place(&DISCOVERED)?;
-    let start = stopwatch();
-    let table = table(search.table.as_deref())?;
-    let data = search.read(robot)?;
-    let mut done = gap::discover(
-        robot,
-        &table,
-        data.healthy.healthy(),
-        &data.suspects,
-        &data.options,
-        progress,
-    )?;
-    done.discovery.seconds = (stopwatch() - start).as_secs_f64();
-    done.discovery.notes.extend(data.note);
-    done.found.finding.seconds = done.discovery.seconds;
-    if let Some(dir) = &search.out {
-        let grids: Vec<&Grid> = data.suspects.iter().chain(&data.options.prove).collect();
-        let forces = |robot: &RobotSpec| gap::residual_forces(robot, done.rig.as_ref(), &grids);
-        let without = forces(robot)?;
-        let with = match done.discovery.verdict {
-            LawVerdict::Law => Some(forces(&robot.patched(done.found.patch.clone()))?),
-            LawVerdict::NoLaw => None,
-        };
-        let tension = gap::strongest(&without[..data.suspects.len()]);
-        if let (LawVerdict::NoLaw, Some(d)) = (done.discovery.verdict, &tension) {
-            let note = format!("{}; see forces.csv.", d.text());
-            done.discovery.notes.push(note);
-        }
-        done.found.finding.traces.tension = tension;
-        write_all(dir, &done.found, &done.found.patch, search.simulated)?;
-        let law = serde_json::to_string_pretty(&done.discovery)?;
-        write_text(&dir.join("law.json"), &law)?;
-        write_forces(&dir.join("forces.csv"), &without, with.as_deref())?;
-    }
-    let mut law = serde_json::to_value(&done.discovery)?;
-    law["differences"] = json!(data.differences);
-    let finding = serde_json::to_string(&done.found.finding)?;
-    Ok((done.found, law.to_string(), finding))
 }
 
 /// Series for pictures, a row per instant.

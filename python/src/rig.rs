@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::json;
 use springtwin::drive::rig_options;
+use springtwin::lab::frames::raw_frame;
 use springtwin::lab::ranges::{payload_in_range, pressures_in_range};
 use springtwin::lab::session::calibration_of;
 use springtwin::rig::hidden::HIDDEN;
@@ -16,7 +17,7 @@ use springtwin::rig::{PHYSICS_STEP_S, RigOptions, Unit, VirtualRig};
 use springtwin::robot::RobotSpec;
 use springtwin::sensing::Sensing;
 use springtwin::signal::{
-    BOARDS, CHAMBERS, ChannelHealth, IMUS, PressureCommand, RawFrame, SPRINGS, SensorFrame, Stamp,
+    CHAMBERS, ChannelHealth, IMUS, PressureCommand, RawFrame, SensorFrame, Stamp,
 };
 use springtwin::twin::sensing_for;
 
@@ -149,33 +150,6 @@ impl Running {
         self.raw = raw_frame(self.seq, &self.rig);
         self.sensors = Some(self.sensing.update(&self.raw));
         Ok(())
-    }
-}
-
-/// Both boards' readings as one frame, without a line in between.
-fn raw_frame(seq: u32, rig: &VirtualRig) -> RawFrame {
-    let readings = rig.readings();
-    let spring = |i: usize| readings[i / 6].springs[i % 6];
-    let imu = |i: usize| readings[i / 2].imus[i % 2];
-    let gauge = |i: usize| readings[i / 3].chamber_pa[i % 3];
-    let delivered = (0..SPRINGS).map(|i| spring(i).is_some());
-    let delivered = delivered.chain((0..IMUS).map(|i| imu(i).is_some()));
-    let delivered = delivered.chain((0..CHAMBERS).map(|i| gauge(i).is_some()));
-    let present = delivered
-        .enumerate()
-        .fold(0, |all, (k, there)| all | u32::from(there) << k);
-    RawFrame {
-        seq,
-        stamp: Stamp::from_seconds(f64::from(seq) * PHYSICS_STEP_S),
-        spring_counts: std::array::from_fn(|i| spring(i).unwrap_or_default().count),
-        spring_gate_ticks: std::array::from_fn(|i| spring(i).unwrap_or_default().gate_ticks),
-        tick_rate_hz: rig.tick_rate_hz(),
-        tick_rate_sd: [0.0; BOARDS],
-        imu: std::array::from_fn(|i| imu(i).unwrap_or_default()),
-        chamber_pa: std::array::from_fn(|i| gauge(i).unwrap_or(f64::NAN)),
-        present,
-        board_age_s: [0.0; BOARDS],
-        faults: 0,
     }
 }
 

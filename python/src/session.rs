@@ -2,22 +2,19 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context as _, ensure};
+use anyhow::Context as _;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::json;
-use springtwin::drive::model;
 use springtwin::gap::{self, Grid};
-use springtwin::lab::estimate::{Comparison, compared, estimates, same_robot};
+use springtwin::lab::estimate::{Comparison, of_file};
 use springtwin::lab::gap_files::read_session as read_suspect;
-use springtwin::lab::provenance;
 use springtwin::lab::ranges::payload_in_range;
 use springtwin::lab::replay::table as replay_table;
 use springtwin::lab::session::{Excitation, SessionPlan, session, session_log};
-use springtwin::recording::{SESSION_FILES, SessionLog, read_log, write_session};
+use springtwin::recording::{SESSION_FILES, read_log, write_session};
 use springtwin::rig::hidden::Hidden;
-use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, IMUS, Pose, SPRINGS};
 
 use crate::arrays::{flat, pose_values, shaped};
@@ -125,23 +122,12 @@ pub fn estimate<'py>(
     any_robot: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
     let spec = &robot.spec;
-    let work = || -> anyhow::Result<_> {
-        let log = read_log(&path)?;
-        let networks = model::model(networks.as_deref())?;
-        if !any_robot {
-            same_robot_as(&log, &networks, spec)?;
-        }
-        let differences = provenance::of_estimate(&path, &networks.hash)?;
-        let all = estimates(&log, networks);
-        ensure!(
-            !all.is_empty(),
-            "{} has no row with all springs and IMUs: there is nothing to estimate from",
-            path.display()
-        );
-        let comparison = compared(&log, &all);
-        Ok((log, all, comparison, differences))
+    let work = || {
+        let with = networks.as_deref();
+        of_file(&path, with, spec, any_robot, "any_robot=True")
     };
-    let (log, all, comparison, differences) = py.detach(work).map_err(refused)?;
+    let found = py.detach(work).map_err(refused)?;
+    let (log, all) = (&found.log, &found.rows);
     let n = all.len();
     let out = PyDict::new(py);
     let t_s: Vec<f64> = all.iter().map(|e| log.t_s[e.row]).collect();
@@ -154,11 +140,14 @@ pub fn estimate<'py>(
     )?;
     out.set_item("sd", shaped(py, flat(all.iter().map(|e| e.sd)), [n, 6])?)?;
     out.set_item("residual", shaped(py, flat(residual), [n, 6])?)?;
-    out.set_item("left_out", log.len() - n)?;
-    out.set_item("differences", differences)?;
+    out.set_item("left_out", found.left_out())?;
+    out.set_item("differences", &found.differences)?;
     out.set_item(
         "comparison",
-        comparison.map(|c| comparison_json(&c).to_string()),
+        found
+            .comparison
+            .as_ref()
+            .map(|c| comparison_json(c).to_string()),
     )?;
     Ok(out)
 }
@@ -196,18 +185,6 @@ pub fn replay<'py>(
         "pos_mm": mm(e.position_m), "ori_deg": deg(e.rotation_rad), "springs_mm": mm(e.spring_m), "imu_deg": deg(e.imu_rad),
     });
     Ok((out, rmse.to_string()))
-}
-
-/// The check of the library, whose message names the option of the command.
-fn same_robot_as(
-    log: &SessionLog,
-    networks: &springtwin::learn::Model,
-    spec: &RobotSpec,
-) -> anyhow::Result<()> {
-    same_robot(log, networks, spec).map_err(|e| {
-        let text = format!("{e:#}").replace("--any-robot", "any_robot=True");
-        anyhow::anyhow!(text.replace("(--robot)", "(robot=)"))
-    })
 }
 
 fn comparison_json(c: &Comparison) -> serde_json::Value {

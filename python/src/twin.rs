@@ -11,16 +11,15 @@ use serde_json::json;
 use springtwin::control::{Gains, ReachConfig, reach};
 use springtwin::drive::measures::{self, MoveMeasures};
 use springtwin::drive::{
-    DEFAULT_RIG, Driven, Driver, Instruments, PATH_CENTRE_M, PATH_SIZE_M, Resets, Row, Script,
-    Shape, Start, TwinBuilder, longest_s, model, over_limits,
+    DEFAULT_RIG, Driven, Driver, Instruments, PATH_CENTRE_M, PATH_SIZE_M, Resets, Script, Shape,
+    Start, TwinBuilder, along, goal, longest_s, model, over_limits, row,
 };
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{
-    CHAMBERS, ControllerKind, Goal, Mode, OrientationGoal, Pose, PressureCommand, SIGNALS,
-    SensorRef, Snapshot, Stamp,
+    CHAMBERS, ControllerKind, Mode, Pose, PressureCommand, SIGNALS, Snapshot, Stamp,
 };
 use springtwin::sim::Model;
-use springtwin::task::{Follow, PATH_WAYPOINTS, Path, Plan};
+use springtwin::task::{PATH_WAYPOINTS, Path, Plan};
 use springtwin::twin::{Command, Event, Maps, Pace, TICK_S};
 
 use crate::arrays::{flat, pose_values, rows, shaped};
@@ -148,7 +147,7 @@ impl Twin {
     ) -> PyResult<(Bound<'py, PyDict>, String)> {
         let own = waypoints_m.map(|w| rows::<3>(&w, "the array of waypoints"));
         let path = path(shape, own.transpose()?, centre_m, size_m).map_err(refused)?;
-        let plan = self.plan(&path, speed_m_s, laps).map_err(refused)?;
+        let plan = along(&path, speed_m_s, laps, &self.robot).map_err(refused)?;
         let seconds = longest_s(&path, speed_m_s, laps);
         let driven = self.carry_out(py, plan, seconds)?;
         if driven.finished_s.is_none() {
@@ -211,23 +210,6 @@ impl Twin {
 
     fn running(&self) -> MutexGuard<'_, Running> {
         self.running.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn plan(&self, path: &Path, speed_m_s: f64, laps: u32) -> Result<Plan> {
-        let fastest = self.robot.tip_speed_max_m_s;
-        ensure!(
-            speed_m_s > 0.0 && speed_m_s <= fastest,
-            "a speed of {} mm/s is not above 0 and at most the tip's {} mm/s: choose another one",
-            speed_m_s * 1e3,
-            fastest * 1e3
-        );
-        ensure!(laps > 0, "0 laps: give 1 or more");
-        let follow = Follow {
-            path: path.clone(),
-            speed_m_s,
-            laps,
-        };
-        Plan::follow(follow).context("a path needs waypoints")
     }
 
     /// Carries out a plan; an error where it is refused, or the arm goes SAFE.
@@ -382,41 +364,6 @@ impl Running {
         }
         self.commands.extend(plan.take().map(Command::Start));
     }
-}
-
-/// A tick of the way.
-fn row(snapshot: &Snapshot, truth: Option<Pose>) -> Row {
-    let routine = snapshot.routine.as_ref();
-    let frame = snapshot.sensors.as_ref();
-    Row {
-        t_s: snapshot.stamp.seconds(),
-        legs_done: routine.map_or(0, |r| r.legs_done),
-        waypoint: routine.and_then(|r| r.waypoint).map(|(k, _)| k),
-        goal: snapshot.goal.clone(),
-        via_m: routine.and_then(|r| r.via.as_ref()).map(|v| v.position_m),
-        truth,
-        estimate: snapshot.estimate.as_ref().map(|e| e.base_from_tip),
-        set_pa: snapshot.command.as_ref().map(|c| *c.chamber_pa()),
-        chamber_pa: frame.map_or([f64::NAN; CHAMBERS], |f| f.chamber_pa),
-        sensors: frame.map_or_else(SensorRef::zeros, |f| f.sensors.to_vector()),
-        sensor_ref: snapshot.sensor_ref,
-        solve_s: snapshot.solve_s,
-        steered: matches!(snapshot.mode, Mode::Moving | Mode::AtGoal),
-    }
-}
-
-fn goal(position_m: [f64; 3], direction: Option<[f64; 3]>) -> Result<Goal> {
-    let mut goal = Goal::position(position_m);
-    if let Some(direction) = direction {
-        let axis = nalgebra::Unit::try_new(nalgebra::Vector3::from(direction), 1e-9);
-        let axis = axis.context("the direction has no length: give one such as [0, 0, -1]")?;
-        goal.orientation = OrientationGoal::Direction(axis);
-    }
-    ensure!(
-        goal.position_m.iter().all(|x| x.is_finite()) && goal.orientation.is_finite(),
-        "the goal has a value that is not a number: correct it"
-    );
-    Ok(goal)
 }
 
 fn path(

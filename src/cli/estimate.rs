@@ -6,11 +6,9 @@ use anyhow::Result;
 use clap::Args;
 use serde_json::json;
 
+use super::Report;
 use super::outputs::Overwrite;
-use super::{Report, model};
-use springtwin::lab::estimate::{Comparison, compared, estimates, same_robot, table};
-use springtwin::lab::provenance;
-use springtwin::recording::read_log;
+use springtwin::lab::estimate::{Comparison, of_file, table};
 use springtwin::robot::RobotSpec;
 
 #[derive(Args)]
@@ -34,26 +32,21 @@ pub struct EstimateArgs {
 /// `estimate`.
 pub fn estimate(a: &EstimateArgs, robot: &RobotSpec) -> Result<Report> {
     a.overwrite.table(a.out.as_deref())?;
-    let log = read_log(&a.session)?;
-    let networks = model::model(a.model.as_deref())?;
-    if !a.any_robot {
-        same_robot(&log, &networks, robot)?;
-    }
-    let differences = provenance::of_estimate(&a.session, &networks.hash)?;
-    let estimated = estimates(&log, networks);
-    anyhow::ensure!(
-        !estimated.is_empty(),
-        "{} has no row with all springs and IMUs: there is nothing to estimate from",
-        a.session.display()
-    );
-    let left_out = log.len() - estimated.len();
-    let mut report = match compared(&log, &estimated) {
-        Some(comparison) => compared_text(&log.name, &comparison),
+    let found = of_file(
+        &a.session,
+        a.model.as_deref(),
+        robot,
+        a.any_robot,
+        "--any-robot",
+    )?;
+    let (log, left_out) = (&found.log, found.left_out());
+    let mut report = match &found.comparison {
+        Some(comparison) => compared_text(&log.name, comparison),
         None => Report {
             text: format!(
                 "{}: {} poses; no motion capture to compare them with",
                 log.name,
-                estimated.len()
+                found.rows.len()
             ),
             json: json!({"error": null, "n": 0, "coverage": null}),
         },
@@ -61,14 +54,15 @@ pub fn estimate(a: &EstimateArgs, robot: &RobotSpec) -> Result<Report> {
     if left_out > 0 {
         report.text += &format!("; {left_out} rows with gaps left out");
     }
-    if !differences.is_empty() {
-        report.text += &format!("\ndifferent from the recording: {}", differences.join("; "));
+    if !found.differences.is_empty() {
+        let all = found.differences.join("; ");
+        report.text += &format!("\ndifferent from the recording: {all}");
     }
-    report.json["differences"] = json!(differences);
-    report.json["poses"] = json!(estimated.len());
+    report.json["differences"] = json!(found.differences);
+    report.json["poses"] = json!(found.rows.len());
     report.json["left_out"] = json!(left_out);
     if let Some(out) = &a.out {
-        table(&log, &estimated).write(out)?;
+        table(log, &found.rows).write(out)?;
         report.text += &format!("\nevery pose in {}", out.display());
         report.json["out"] = json!(out);
     }

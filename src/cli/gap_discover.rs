@@ -1,19 +1,16 @@
 //! `gap discover`: what is missing as a law, where no effect of the table explains it.
 
 use std::path::PathBuf;
-use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use serde_json::json;
 
 use super::Report;
-use super::gap_run::{Logged, held_out_text, proof_text, read, table};
+use super::gap_run::{Logged, held_out_text, proof_text, table};
 use super::outputs::Overwrite;
 use springtwin::drive::read_text;
-use springtwin::gap::{self, Discovery, Grid, LawVerdict, Patch};
-use springtwin::lab::gap_files::{sessions_among, write_all, write_forces};
-use springtwin::lab::provenance;
-use springtwin::recording;
+use springtwin::gap::{self, Discovery, LawVerdict, Patch};
+use springtwin::lab::search::{DISCOVERED, Search};
 use springtwin::robot::RobotSpec;
 
 #[derive(clap::Args)]
@@ -43,68 +40,26 @@ pub struct DiscoverArgs {
     seed: u64,
 }
 
-/// What `gap discover --out` writes.
-const DISCOVERED: [&str; 6] = [
-    "patch.toml",
-    "law.json",
-    "forces.csv",
-    "finding.json",
-    "report.html",
-    "overlay.rrd",
-];
-
 /// `gap discover`.
 pub fn run(a: &DiscoverArgs, robot: &RobotSpec) -> Result<Report> {
     if let Some(out) = &a.out {
         a.overwrite.files(out, &DISCOVERED)?;
     }
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "wall time of the run, for the report"
-    )]
-    let begun = Instant::now();
-    let (differences, note) = provenance::of_gap(
-        sessions_among(&a.baseline),
-        a.session.iter().map(PathBuf::as_path),
-    )?;
-    let paths = [&a.baseline[..], &a.session, &a.prove];
-    let (healthy, suspects, options) = read(robot, paths, a.seed)?;
-    let mut done = gap::discover(
-        robot,
-        &table(&a.without)?,
-        healthy.healthy(),
-        &suspects,
-        &options,
-        &Logged,
-    )?;
-    done.discovery.seconds = begun.elapsed().as_secs_f64();
-    done.discovery.notes.extend(note);
-    if let Some(dir) = &a.out {
-        done.found.finding.seconds = done.discovery.seconds;
-        let grids: Vec<&Grid> = suspects.iter().chain(&options.prove).collect();
-        let forces = |robot: &RobotSpec| gap::residual_forces(robot, done.rig.as_ref(), &grids);
-        let without = forces(robot)?;
-        let with = match done.discovery.verdict {
-            LawVerdict::Law => Some(forces(&robot.patched(done.found.patch.clone()))?),
-            LawVerdict::NoLaw => None,
-        };
-        let tension = gap::strongest(&without[..suspects.len()]);
-        if let (LawVerdict::NoLaw, Some(d)) = (done.discovery.verdict, &tension) {
-            done.discovery
-                .notes
-                .push(format!("{}; see forces.csv.", d.text()));
-        }
-        done.found.finding.traces.tension = tension;
-        write_all(dir, &done.found, &done.found.patch, a.simulated)?;
-        let law = serde_json::to_string_pretty(&done.discovery)?;
-        recording::write_text(&dir.join("law.json"), &law)?;
-        write_forces(&dir.join("forces.csv"), &without, with.as_deref())?;
-    }
-    let mut json = serde_json::to_value(&done.discovery)?;
-    json["differences"] = json!(differences);
+    let search = Search {
+        baseline: a.baseline.clone(),
+        sessions: a.session.clone(),
+        prove: a.prove.clone(),
+        table: table(&a.without)?,
+        seed: a.seed,
+        without_cameras: false,
+        out: a.out.clone(),
+        simulated: a.simulated,
+    };
+    let done = search.discover(robot, &Logged)?;
+    let discovery = &done.result.discovery;
     Ok(Report {
-        text: text(&done.discovery),
-        json,
+        text: text(discovery),
+        json: done.json(discovery)?,
     })
 }
 

@@ -9,13 +9,12 @@ use serde_json::{Value, json};
 use super::outputs::Overwrite;
 use super::{Report, args};
 use springtwin::gap::{
-    self, Finding, FoundEffect, GapError, GapSize, Grid, Options, PressureGrid, PressureUnit,
-    Progress, Stage, Verdict,
+    self, Finding, FoundEffect, GapError, GapSize, PressureGrid, PressureUnit, Progress, Stage,
+    Verdict,
 };
-use springtwin::lab::gap_files::{
-    Known, excitations, read_grids, read_known, sessions_among, write_all,
-};
+use springtwin::lab::gap_files::{sessions_among, write_all};
 use springtwin::lab::rests::read_rests;
+use springtwin::lab::search::{FOUND, Search};
 use springtwin::lab::{actuation, provenance};
 use springtwin::recording::LogMap;
 use springtwin::robot::RobotSpec;
@@ -65,9 +64,6 @@ pub struct RunArgs {
     seed: u64,
 }
 
-/// What `gap run --out` writes.
-pub const FOUND: [&str; 4] = ["patch.toml", "finding.json", "report.html", "overlay.rrd"];
-
 /// `gap run`.
 pub fn run(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
     if let Some(out) = &a.out {
@@ -100,22 +96,6 @@ impl Progress for Logged {
         log::info!("{stage:?} {:.0} %", 100.0 * share);
         Ok(())
     }
-}
-
-/// What a search reads: healthy and suspect sessions, and its options.
-pub fn read(
-    robot: &RobotSpec,
-    [baseline, session, prove]: [&[PathBuf]; 3],
-    seed: u64,
-) -> Result<(Known, Vec<Grid>, Options)> {
-    let (healthy, suspects) = (read_known(baseline)?, read_grids(session)?);
-    let options = Options {
-        seed,
-        excitations: excitations(robot),
-        prove: read_grids(prove)?,
-        from_start: false,
-    };
-    Ok((healthy, suspects, options))
 }
 
 /// A gap in words.
@@ -151,39 +131,21 @@ pub fn proof_text(sessions: &str, g: &GapSize) -> String {
 }
 
 fn find(robot: &RobotSpec, a: &RunArgs) -> Result<Report> {
-    #[expect(
-        clippy::disallowed_methods,
-        reason = "wall time of the run, for the report"
-    )]
-    let start = Instant::now();
-    let (differences, note) = compared(a)?;
-    let paths = [&a.baseline[..], &a.session, &a.prove];
-    let (healthy, mut suspects, options) = read(robot, paths, a.seed)?;
-    if a.without_cameras {
-        let without = |g: Grid| Grid::new(g.session.without_cameras());
-        suspects = suspects
-            .into_iter()
-            .map(without)
-            .collect::<Result<_, _>>()?;
-    }
-    let mut found = gap::find(
-        robot,
-        &table(&a.without)?,
-        healthy.healthy(),
-        &suspects,
-        &options,
-        &Logged,
-    )?;
-    found.finding.seconds = start.elapsed().as_secs_f64();
-    found.finding.notes.extend(note);
-    if let Some(dir) = &a.out {
-        write_all(dir, &found, &found.patch, a.simulated)?;
-    }
-    let mut json = serde_json::to_value(&found.finding)?;
-    json["differences"] = json!(differences);
+    let search = Search {
+        baseline: a.baseline.clone(),
+        sessions: a.session.clone(),
+        prove: a.prove.clone(),
+        table: table(&a.without)?,
+        seed: a.seed,
+        without_cameras: a.without_cameras,
+        out: a.out.clone(),
+        simulated: a.simulated,
+    };
+    let found = search.find(robot, &Logged)?;
+    let finding = &found.result.finding;
     Ok(Report {
-        text: finding_text(&found.finding),
-        json,
+        text: finding_text(finding),
+        json: found.json(finding)?,
     })
 }
 
@@ -227,14 +189,6 @@ fn at_rest(robot: &RobotSpec, a: &RunArgs, window: [f64; 2]) -> Result<Report> {
         text: format!("{}\n{}", finding_text(&found.finding), errors.join("\n")),
         json: serde_json::to_value(&found.finding)?,
     })
-}
-
-/// What differs between how the sessions were made.
-fn compared(a: &RunArgs) -> Result<(Vec<String>, Option<String>)> {
-    provenance::of_gap(
-        sessions_among(&a.baseline),
-        a.session.iter().map(PathBuf::as_path),
-    )
 }
 
 /// A finding for people.
@@ -308,7 +262,10 @@ fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
         reason = "wall time of a command is reported"
     )]
     let begun = Instant::now();
-    let (differences, note) = compared(a)?;
+    let (differences, note) = provenance::of_gap(
+        sessions_among(&a.baseline),
+        a.session.iter().map(PathBuf::as_path),
+    )?;
     let (baseline, session) = match (&a.baseline[..], &a.session[..]) {
         ([], [session]) => (None, session),
         ([baseline], [session]) => (Some(baseline), session),

@@ -7,7 +7,7 @@
 
 mod nearest;
 
-use nalgebra::SVector;
+use nalgebra::{SVector, UnitQuaternion, Vector3};
 
 use super::adapt::SEGMENTS;
 use super::box_qp::solve_free;
@@ -190,9 +190,21 @@ impl Problem<'_> {
             x: *x,
             residual,
             jacobian,
-            position_m: [eval.pose[0], eval.pose[1], eval.pose[2]],
+            position_m: self.steered_m(&eval.pose).into(),
             training_distance: eval.training_distance,
         })
+    }
+
+    /// Where the steered point is at a pose (x, y, z in m, yaw, pitch, roll in rad), m.
+    fn steered_m(&self, pose: &SVector<f64, 6>) -> Vector3<f64> {
+        let tip_m = Vector3::new(pose[0], pose[1], pose[2]);
+        if self.goal.is_of_tip() {
+            return tip_m;
+        }
+        tip_m
+            + self.goal.arm_m(&UnitQuaternion::from_euler_angles(
+                pose[5], pose[4], pose[3],
+            ))
     }
 
     /// Levenberg–Marquardt in the box from `start`.
@@ -299,7 +311,7 @@ fn nearest_starts(problem: &Problem, samples: &[StartSample]) -> Vec<Vector6> {
     for sample in samples {
         let scaled = |i: usize| (sample.chamber_pa[i] - problem.mid_pa[i]) / problem.half_pa[i];
         let x = Vector6::from_fn(|i, _| scaled(i));
-        let mut distance_m = (sample.pose.fixed_rows::<3>(0) - goal_m).norm();
+        let mut distance_m = (problem.steered_m(&sample.pose) - goal_m).norm();
         if !(distance_m.is_finite() && x.iter().all(|v| v.is_finite())) {
             continue;
         }
@@ -367,6 +379,7 @@ pub fn reach(
 fn check(goal: &Goal, payload_kg: f64) -> Result<(), ReachError> {
     let parts = [
         ("position", goal.position_m.iter().all(|v| v.is_finite())),
+        ("point", goal.point_m.iter().all(|v| v.is_finite())),
         ("orientation", goal.orientation.is_finite()),
         (
             "tolerance",
@@ -596,6 +609,44 @@ mod tests {
     }
 
     #[test]
+    fn a_point_off_the_tip_is_brought_to_the_goal() {
+        let robot = RobotSpec::reference();
+        let arm = ToyArm::nominal(&robot);
+        let set = samples(&arm, 500);
+        let pose = |q: &[f64; 6]| {
+            let p = PoseMap::pose(&arm, &arm.sensors(q, 0.0).sensors).pose;
+            pose_from_ypr([p[0], p[1], p[2]], [p[3], p[4], p[5]])
+        };
+        let point_m = [0.0, 0.0, -robot.payload_com_m];
+        let mut rng = Pcg64::seed_from_u64(7);
+        for _ in 0..50 {
+            let q = std::array::from_fn(|_| rng.random_range(-30e3..30e3));
+            let there_m = (pose(&q) * nalgebra::Point3::from(point_m)).into();
+            let goal = Goal {
+                point_m,
+                ..Goal::position(there_m)
+            };
+            let r = ask(&goal, &set).unwrap();
+            assert_eq!(r.state, ReachState::Reachable, "{q:?}: {r:?}");
+            let off_m = goal.error(&pose(&r.chamber_pa)).fixed_rows::<3>(0).norm();
+            assert!(off_m < 0.1e-3, "{q:?}: {off_m} m off");
+        }
+        // Far out the nearest place is one of the point, not of the tip.
+        let goal = Goal {
+            point_m,
+            ..Goal::position([0.5, 0.0, -0.3])
+        };
+        let r = ask(&goal, &set).unwrap();
+        assert_eq!(r.state, ReachState::Unreachable, "{r:?}");
+        let nearest = Goal {
+            point_m,
+            ..Goal::position(r.nearest_m)
+        };
+        let r = ask(&nearest, &set).unwrap();
+        assert_eq!(r.state, ReachState::Reachable, "{r:?}");
+    }
+
+    #[test]
     fn an_orientation_is_part_of_the_verdict() {
         let robot = RobotSpec::reference();
         let arm = ToyArm::nominal(&robot);
@@ -603,9 +654,8 @@ mod tests {
         let pose = PoseMap::pose(&arm, &arm.sensors(&q, 0.0).sensors).pose;
         let target = pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
         let mut goal = Goal {
-            position_m: [pose[0], pose[1], pose[2]],
             orientation: OrientationGoal::Rotation(target.rotation),
-            tolerance_m: 1e-3,
+            ..Goal::position([pose[0], pose[1], pose[2]])
         };
         let r = ask(&goal, &samples(&arm, 500)).unwrap();
         assert_eq!(r.state, ReachState::Reachable, "{r:?}");

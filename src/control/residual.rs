@@ -4,11 +4,9 @@
 //! direction R_goal is the nearest rotation that points there, so they have rank two.
 //! Source: paper eq. 4, with one weight between mm and degrees and the rotation by the SO(3) logarithm.
 
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use crate::signal::{
-    Goal, Matrix6, OrientationGoal, SIGNALS, SPRINGS, Vector6, pose_error, pose_from_ypr,
-};
+use crate::signal::{Goal, Matrix6, OrientationGoal, SIGNALS, SPRINGS, Vector6, pose_from_ypr};
 
 /// Weights between metres and radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,10 +62,7 @@ impl SignalSigma {
 /// The weighted residual r of `pose` (x, y, z in m, yaw, pitch, roll in rad) against `goal`.
 pub fn goal_residual(pose: &SVector<f64, 6>, goal: &Goal, weights: &TaskWeights) -> Vector6 {
     let actual = pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
-    let mut wanted = actual;
-    wanted.translation.vector = Vector3::from(goal.position_m);
-    wanted.rotation = goal.orientation.nearest(&actual.rotation);
-    let e = pose_error(&actual, &wanted);
+    let e = goal.error(&actual);
     Vector6::from_fn(|i, _| {
         let weight = if i < 3 {
             weights.per_m
@@ -98,17 +93,24 @@ pub fn task_jacobian<const C: usize>(
     weights: &TaskWeights,
 ) -> SMatrix<f64, 6, C> {
     let mut out = SMatrix::<f64, 6, C>::zeros();
+    let turns =
+        || rotation_rate_from_ypr([pose[3], pose[4], pose[5]]) * jacobian.fixed_rows::<3>(3);
+    let mut moves: SMatrix<f64, 3, C> = jacobian.fixed_rows::<3>(0).into();
+    if !goal.is_of_tip() {
+        // d(R p)/dt = ω × R p
+        let turned = UnitQuaternion::from_euler_angles(pose[5], pose[4], pose[3]);
+        moves -= goal.arm_m(&turned).cross_matrix() * turns();
+    }
     out.fixed_rows_mut::<3>(0)
-        .copy_from(&(jacobian.fixed_rows::<3>(0) * weights.per_m));
+        .copy_from(&(moves * weights.per_m));
     let turning = match goal.orientation {
         OrientationGoal::Free => return out,
         // Turning about the wanted direction changes nothing.
         OrientationGoal::Direction(d) => Matrix3::identity() - d.into_inner() * d.transpose(),
         OrientationGoal::Rotation(_) => Matrix3::identity(),
     };
-    let e = rotation_rate_from_ypr([pose[3], pose[4], pose[5]]);
     out.fixed_rows_mut::<3>(3)
-        .copy_from(&(turning * e * jacobian.fixed_rows::<3>(3) * weights.per_rad));
+        .copy_from(&(turning * turns() * weights.per_rad));
     out
 }
 
@@ -144,14 +146,12 @@ pub fn within(residual: &Vector6, goal: &Goal, weights: &TaskWeights) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::UnitQuaternion;
 
     #[test]
     fn a_millimetre_weighs_as_much_as_a_degree() {
         let goal = Goal {
-            position_m: [0.0, 0.0, -0.3],
             orientation: OrientationGoal::Rotation(UnitQuaternion::identity()),
-            tolerance_m: 1e-3,
+            ..Goal::position([0.0, 0.0, -0.3])
         };
         let w = TaskWeights::default();
         let pose = SVector::from([0.002, 0.0, -0.3, 3f64.to_radians(), 0.0, 0.0]);
@@ -162,6 +162,24 @@ mod tests {
         let r = goal_residual(&pose, &free, &w);
         assert!((r - Vector6::new(0.5, 0.0, 0.0, 0.0, 0.0, 0.0)).norm() < 1e-9);
         assert!(within(&r, &free, &w));
+    }
+
+    #[test]
+    fn the_jacobian_of_a_point_off_the_tip_is_the_derivative_of_its_residual() {
+        let goal = Goal {
+            point_m: [0.02, -0.01, -0.1],
+            ..Goal::position([0.05, 0.02, -0.4])
+        };
+        let w = TaskWeights::default();
+        let pose = SVector::from([0.03, -0.02, -0.3, 0.3, -0.4, 0.2]);
+        let at = |pose: &SVector<f64, 6>| goal_residual(pose, &goal, &w);
+        let found = task_jacobian(&Matrix6::identity(), &pose, &goal, &w);
+        for k in 0..6 {
+            let mut step = SVector::<f64, 6>::zeros();
+            step[k] = 1e-6;
+            let fd = (at(&(pose + step)) - at(&(pose - step))) / 2e-6;
+            assert!((fd - found.column(k)).norm() < 1e-4, "{k}: {fd}");
+        }
     }
 
     #[test]

@@ -151,11 +151,10 @@ mod tests {
 
     fn oriented_goal() -> Goal {
         Goal {
-            position_m: [0.05, 0.02, -0.31],
             orientation: OrientationGoal::Rotation(
                 pose_from_ypr([0.0; 3], [0.3, -0.4, 0.2]).rotation,
             ),
-            tolerance_m: 1e-3,
+            ..Goal::position([0.05, 0.02, -0.31])
         }
     }
 

@@ -6,7 +6,7 @@ use super::plan::{Driven, Row};
 use crate::control::virtual_output;
 use crate::learn::{ErrorStats, PlantMap, quantile};
 use crate::robot::RobotSpec;
-use crate::signal::{CHAMBERS, Goal, OrientationGoal, Pose, SPRINGS, SensorRef, pose_error};
+use crate::signal::{CHAMBERS, Goal, OrientationGoal, Pose, SPRINGS, SensorRef};
 use crate::task::off_path_m;
 
 /// A chamber set this close to its bound counts as saturated, Pa.
@@ -59,11 +59,7 @@ pub struct MoveMeasures {
 pub fn of_move(rows: &[Row], goal: &Goal, robot: &RobotSpec) -> Option<MoveMeasures> {
     let (first, last) = (rows.first()?, rows.last()?);
     let error = |r: &Row| {
-        let truth = r.truth?;
-        let mut wanted = truth;
-        wanted.translation.vector = Vector3::from(goal.position_m);
-        wanted.rotation = goal.orientation.nearest(&truth.rotation);
-        let e = pose_error(&truth, &wanted);
+        let e = goal.error(&r.truth?);
         Some([e.fixed_rows::<3>(0).norm(), e.fixed_rows::<3>(3).norm()])
     };
     let errors: Vec<(usize, [f64; 2])> = rows

@@ -22,7 +22,7 @@ pub const ENDED: &str = "ended by a signal: the boards were stopped";
 pub use driver::{Driver, Ended, Observer, TwinBuilder, stopwatch};
 pub use files::{read_bench, read_text, read_toml};
 pub use limits::over_limits;
-pub use plan::{Drive, Driven, Row, drive};
+pub use plan::{Drive, Driven, Row, drive, row};
 pub use ports::{
     DEFAULT_RIG, Instruments, Script, SerialRig, board_config, in_process, is_virtual, rig_options,
 };
@@ -30,8 +30,8 @@ pub use run::{Ran, Run, run};
 pub use start::{HELLO_S, Resets, Start, check_link};
 pub use tally::Tally;
 pub use tasks::{
-    BASKET_M, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures, Shape, fruit, longest_s,
-    objects, of_pick_place,
+    BASKET_M, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, PickPlaceMeasures, Shape, along, fruit, goal,
+    longest_s, objects, of_pick_place,
 };
 
 /// This thread, and those that it starts, leave the processor to the control loop and the link where there are too few for

@@ -313,7 +313,8 @@ fn watched(robot: &RobotSpec, mut script: Option<Script>, plant: Arc<Mutex<Plant
     })
 }
 
-fn row(snapshot: &Snapshot, truth: Option<Pose>) -> Row {
+/// A tick of the way; without the true pose of the virtual rig, `truth`, that of motion capture stands for it.
+pub fn row(snapshot: &Snapshot, truth: Option<Pose>) -> Row {
     let routine = snapshot.routine.as_ref();
     let frame = snapshot.sensors.as_ref();
     Row {

@@ -1,13 +1,15 @@
 //! The shipped tasks: two paths, and fruit that goes into a basket.
 
-use nalgebra::Vector3;
+use anyhow::{Context as _, Result, ensure};
+use nalgebra::{Unit, Vector3};
 
 use super::measures;
 use super::plan::Driven;
 use crate::learn::ErrorStats;
 use crate::rig::Object;
 use crate::robot::RobotSpec;
-use crate::task::{Item, Leg, Path, Plan, circle, figure_eight};
+use crate::signal::{Goal, OrientationGoal};
+use crate::task::{Follow, Item, Leg, Path, Plan, circle, figure_eight};
 
 /// Centre of the shipped paths in the base frame, m.
 pub const PATH_CENTRE_M: [f64; 3] = [0.0, 0.0, -0.31];
@@ -38,6 +40,45 @@ impl Shape {
             Self::Eight => figure_eight(centre_m, size_m, waypoints),
         }
     }
+}
+
+/// A goal, and where the gripper shall point there, in the base frame.
+///
+/// # Errors
+/// When a coordinate is not a number, or the direction has no length.
+pub fn goal(position_m: [f64; 3], direction: Option<[f64; 3]>) -> Result<Goal> {
+    let mut goal = Goal::position(position_m);
+    if let Some(direction) = direction {
+        let axis = Unit::try_new(Vector3::from(direction), 1e-9);
+        let axis = axis.context("the direction has no length: give one such as 0,0,-1")?;
+        goal.orientation = OrientationGoal::Direction(axis);
+    }
+    ensure!(
+        goal.position_m.iter().all(|x| x.is_finite()) && goal.orientation.is_finite(),
+        "the goal has a value that is not a number: correct it"
+    );
+    Ok(goal)
+}
+
+/// A plan along a path, so many times round.
+///
+/// # Errors
+/// When the speed is none that the tip of this robot may have, or the path has no waypoints.
+pub fn along(path: &Path, speed_m_s: f64, laps: u32, robot: &RobotSpec) -> Result<Plan> {
+    let fastest = robot.tip_speed_max_m_s;
+    ensure!(
+        speed_m_s > 0.0 && speed_m_s <= fastest,
+        "a speed of {} mm/s is not above 0 and at most the tip's {} mm/s: choose another one",
+        speed_m_s * 1e3,
+        fastest * 1e3
+    );
+    ensure!(laps > 0, "0 laps: give 1 or more");
+    let follow = Follow {
+        path: path.clone(),
+        speed_m_s,
+        laps,
+    };
+    Plan::follow(follow).context("a path needs waypoints")
 }
 
 /// A time in which a path is followed even if it takes a while to get to it, s.

@@ -1,12 +1,14 @@
 //! Poses of a session estimated from springs and IMUs, against its motion capture.
 
+use std::path::Path;
+
 use anyhow::Result;
 
-use super::columns;
+use super::{columns, provenance};
 use crate::drive::measures::spread;
 use crate::drive::model;
 use crate::learn::{ErrorStats, Model, PoseEval, to_pose};
-use crate::recording::{SessionLog, Table};
+use crate::recording::{SessionLog, Table, read_log};
 use crate::robot::RobotSpec;
 use crate::signal::{Pose, pose_error, wrapped, ypr_from_rotation};
 
@@ -37,8 +39,61 @@ impl Estimated {
     }
 }
 
+/// What became of a session.
+#[derive(Clone, Debug)]
+pub struct Session {
+    /// Its columns.
+    pub log: SessionLog,
+    /// Its rows whose sensors are all there; there is one at least.
+    pub rows: Vec<Estimated>,
+    /// Against motion capture; `None` where there is none.
+    pub comparison: Option<Comparison>,
+    /// A sentence per difference between how the session was made and what it is estimated with.
+    pub differences: Vec<String>,
+}
+
+impl Session {
+    /// Rows without an estimate: a sensor of theirs is not there.
+    pub fn left_out(&self) -> usize {
+        self.log.len() - self.rows.len()
+    }
+}
+
+/// Estimates a session in a file with networks in another; `None`: the shipped ones. Session and networks of other robots than
+/// `robot` are refused unless `any_robot` is so, and `option` is what sets it.
+///
+/// # Errors
+/// When a file cannot be read, or is of another robot, or no row has all sensors.
+pub fn of_file(
+    path: &Path,
+    networks: Option<&Path>,
+    robot: &RobotSpec,
+    any_robot: bool,
+    option: &str,
+) -> Result<Session> {
+    let log = read_log(path)?;
+    let networks = model::model(networks)?;
+    if !any_robot {
+        same_robot(&log, &networks, robot, option)?;
+    }
+    let differences = provenance::of_estimate(path, &networks.hash)?;
+    let rows = estimates(&log, networks);
+    anyhow::ensure!(
+        !rows.is_empty(),
+        "{} has no row with all springs and IMUs: there is nothing to estimate from",
+        path.display()
+    );
+    let comparison = compared(&log, &rows);
+    Ok(Session {
+        log,
+        rows,
+        comparison,
+        differences,
+    })
+}
+
 /// Estimates of all rows whose sensors are all there.
-pub fn estimates(log: &SessionLog, networks: Model) -> Vec<Estimated> {
+fn estimates(log: &SessionLog, networks: Model) -> Vec<Estimated> {
     let maps = networks.into();
     model::estimates(log, &maps)
         .map(|(row, eval)| Estimated::new(row, &eval, log))
@@ -58,24 +113,25 @@ pub struct Comparison {
     pub coverage: [f64; 2],
 }
 
-/// Refuses a session and networks that are not of this robot, as far as their files say.
+/// Refuses a session and networks that are not of this robot, as far as their files say, and names the `option` that allows
+/// them.
 ///
 /// # Errors
 /// The message names both robots.
-pub fn same_robot(log: &SessionLog, networks: &Model, robot: &RobotSpec) -> Result<()> {
-    const OR: &str = "or --any-robot to estimate all the same";
+fn same_robot(log: &SessionLog, networks: &Model, robot: &RobotSpec, option: &str) -> Result<()> {
+    let or = format!("or {option} to estimate all the same");
     crate::gap::recorded_with(robot, &log.name, &log.robot)
-        .map_err(|e| anyhow::anyhow!("{e}, {OR}"))?;
+        .map_err(|e| anyhow::anyhow!("{e}, {or}"))?;
     if let Some(notice) = model::trained_for_another(networks, robot) {
         let of_its_base = networks.scores.smap.data.robot_hash == robot.base_hash;
-        anyhow::ensure!(of_its_base, "{notice}, {OR}");
+        anyhow::ensure!(of_its_base, "{notice}, {or}");
         log::warn!("{notice}");
     }
     Ok(())
 }
 
 /// Errors of the estimates against motion capture; `None` where there is none.
-pub fn compared(log: &SessionLog, estimated: &[Estimated]) -> Option<Comparison> {
+fn compared(log: &SessionLog, estimated: &[Estimated]) -> Option<Comparison> {
     let mut distance_mm = Vec::new();
     let mut angle_deg = [Vec::new(), Vec::new(), Vec::new()];
     let mut inside = [0usize; 2];

@@ -21,8 +21,8 @@ use serde::Deserialize;
 use sha2::{Digest as _, Sha256};
 
 use super::RecordingError;
-use super::asu::PSI_PA;
 use super::csv::{Lines, fields};
+use super::map_units::{ANGLES, LENGTHS, MASSES, PRESSURES, TIMES, Units, size};
 use super::size_limit::SizeLimit;
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec, hex, toml_error};
 
@@ -262,20 +262,6 @@ impl LogMap {
     }
 }
 
-/// Units with their size in SI.
-type Units = [(&'static str, f64)];
-const TIMES: [(&str, f64); 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
-const PRESSURES: [(&str, f64); 5] = [
-    ("Pa", 1.0),
-    ("kPa", 1e3),
-    ("psi", PSI_PA),
-    ("mbar", 1e2),
-    ("bar", 1e5),
-];
-const LENGTHS: [(&str, f64); 2] = [("m", 1.0), ("mm", 1e-3)];
-const ANGLES: [(&str, f64); 2] = [("rad", 1.0), ("deg", std::f64::consts::PI / 180.0)];
-const MASSES: [(&str, f64); 2] = [("kg", 1.0), ("g", 1e-3)];
-
 /// The character between fields; none for white space.
 fn delimiter(text: Option<&str>) -> Result<Option<char>, String> {
     let text = text.unwrap_or(",");
@@ -391,15 +377,7 @@ impl<'a> Table<'a> {
     }
 
     fn size(&self, unit: &str, units: &Units) -> Result<f64, RecordingError> {
-        let known = units.iter().find(|(name, _)| *name == unit);
-        known.map(|(_, size)| *size).ok_or_else(|| {
-            let names: Vec<&str> = units.iter().map(|(name, _)| *name).collect();
-            let text = format!(
-                "the map has the unit '{unit}', and it can be {}",
-                names.join(", ")
-            );
-            cell(self.path, 1, 1, text)
-        })
+        size(unit, units).map_err(|text| cell(self.path, 1, 1, text))
     }
 
     fn single(&self, of: &Single, units: &Units) -> Result<Vec<f64>, RecordingError> {

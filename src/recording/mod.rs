@@ -31,6 +31,7 @@ mod journal;
 mod live;
 mod lock;
 mod log;
+mod map_units;
 mod mapped;
 mod mcap;
 mod mocap;

@@ -219,6 +219,11 @@ impl RobotSpec {
         self.bodies[0] * base.inverse() * body
     }
 
+    /// The grip point, where the gripper holds its load, in the end pad's frame, m.
+    pub fn grip_m(&self) -> [f64; 3] {
+        [0.0, 0.0, -self.payload_com_m]
+    }
+
     /// Pad of each IMU (see [`PadId::index`]), in the order of the IMUs.
     pub fn pad_of_imu(&self) -> [usize; IMUS] {
         self.imus.each_ref().map(|imu| imu.pad.index())

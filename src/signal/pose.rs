@@ -86,11 +86,13 @@ impl OrientationGoal {
     }
 }
 
-/// Where the tip shall go.
+/// Where the tip, or another point of the end pad, shall go.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goal {
-    /// Wanted position of the end pad's origin in the base frame, m.
+    /// Wanted position of the steered point in the base frame, m.
     pub position_m: [f64; 3],
+    /// The steered point in the end pad's frame, m: zeros are the tip.
+    pub point_m: [f64; 3],
     /// Wanted orientation.
     pub orientation: OrientationGoal,
     /// The goal counts as reached within this distance, m.
@@ -102,9 +104,30 @@ impl Goal {
     pub fn position(position_m: [f64; 3]) -> Self {
         Self {
             position_m,
+            point_m: [0.0; 3],
             orientation: OrientationGoal::Free,
             tolerance_m: 1e-3,
         }
+    }
+
+    /// From the tip to the steered point in the base frame, m, when the end pad is turned like this (base from tip).
+    pub fn arm_m(&self, base_from_tip: &UnitQuaternion<f64>) -> Vector3<f64> {
+        base_from_tip * Vector3::from(self.point_m)
+    }
+
+    /// Whether it is the tip itself that is steered.
+    pub fn is_of_tip(&self) -> bool {
+        self.point_m == [0.0; 3]
+    }
+
+    /// How far the steered point is from where it shall be in the base frame, m, then the rotation vector (rad, base frame) of
+    /// the end pad from where it shall be turned; none if that does not matter.
+    pub fn error(&self, base_from_tip: &Pose) -> Vector6 {
+        let mut wanted = *base_from_tip;
+        wanted.translation.vector =
+            Vector3::from(self.position_m) - self.arm_m(&base_from_tip.rotation);
+        wanted.rotation = self.orientation.nearest(&base_from_tip.rotation);
+        pose_error(base_from_tip, &wanted)
     }
 }
 

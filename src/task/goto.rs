@@ -1,6 +1,6 @@
 //! Point to point: on the way, at the goal (paper, section IV-B).
 
-use crate::signal::{Estimate, Goal, Pose, Reach, ReachState, Stamp, Vector6, pose_error};
+use crate::signal::{Estimate, Goal, Reach, ReachState, Stamp, Vector6};
 
 /// The estimate must stay within tolerance for this long before the goal counts as reached, s.
 const SETTLED_S: f64 = 0.5;
@@ -135,7 +135,7 @@ impl Goto {
 
     /// The smoothed error with this estimate in it, and the time since the last one.
     fn smooth(&mut self, estimate: &Estimate) -> Option<(Vector6, f64)> {
-        let error = goal_error(&estimate.base_from_tip, &self.goal);
+        let error = self.goal.error(&estimate.base_from_tip);
         if !error.iter().all(|v| v.is_finite()) {
             return None;
         }
@@ -156,14 +156,6 @@ impl Goto {
         self.error = Some((mean, estimate.stamp));
         Some((mean, dt_s))
     }
-}
-
-/// Translation (m) and rotation vector (rad) from goal to tip; no rotation if it does not matter.
-fn goal_error(base_from_tip: &Pose, goal: &Goal) -> Vector6 {
-    let mut wanted = *base_from_tip;
-    wanted.translation.vector = goal.position_m.into();
-    wanted.rotation = goal.orientation.nearest(&base_from_tip.rotation);
-    pose_error(base_from_tip, &wanted)
 }
 
 /// The error in units of the tolerance (the worse of position and orientation), and the distance.

@@ -4,7 +4,6 @@ use std::path::{Path as FilePath, PathBuf};
 
 use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
-use nalgebra::{Unit, Vector3};
 use serde_json::{Value, json};
 
 use crate::cli::args::{self, InstrumentArgs, Kind, MonitorArgs, RollingArgs};
@@ -14,7 +13,7 @@ use springtwin::control::{ReachConfig, reach};
 use springtwin::drive::measures::{self, PathMeasures};
 use springtwin::drive::{
     BASKET_M, DEFAULT_RIG, Drive, Driven, LIFT_M, PATH_CENTRE_M, PATH_SIZE_M, Shape, TwinBuilder,
-    drive, fruit, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
+    along, drive, fruit, goal, longest_s, model, objects, of_pick_place, rig_options, stopwatch,
 };
 use springtwin::lab::session::{self, Excitation};
 use springtwin::lab::{drive_log, learning, programmes};
@@ -22,8 +21,8 @@ use springtwin::learn::ErrorStats;
 use springtwin::rig::hidden::Hidden;
 use springtwin::rig::{Object, Obstacle, RigOptions};
 use springtwin::robot::RobotSpec;
-use springtwin::signal::{Goal, OrientationGoal, Reach, ReachState};
-use springtwin::task::{Follow, Item, PATH_WAYPOINTS, Path, Plan, Programme};
+use springtwin::signal::{Goal, Reach, ReachState};
+use springtwin::task::{Item, PATH_WAYPOINTS, Path, Plan, Programme};
 use springtwin::twin::Event;
 
 /// What every drive has.
@@ -146,6 +145,9 @@ pub struct GotoArgs {
     /// Where the gripper shall point, in the base frame (0,0,-1: straight down)
     #[arg(long, value_name = "X,Y,Z", value_parser = args::direction, allow_hyphen_values = true)]
     direction: Option<[f64; 3]>,
+    /// The point that goes to the target
+    #[arg(long, value_enum, default_value_t = Steered::Tip)]
+    steer: Steered,
     /// Longest time, s
     #[arg(long, value_name = "S", default_value = "60", value_parser = args::not_negative)]
     seconds: f64,
@@ -153,12 +155,25 @@ pub struct GotoArgs {
     common: Common,
 }
 
-fn goal(position_m: [f64; 3], direction: Option<[f64; 3]>) -> Goal {
-    Goal {
-        orientation: direction.map_or(OrientationGoal::Free, |d| {
-            OrientationGoal::Direction(Unit::new_normalize(Vector3::from(d)))
-        }),
-        ..Goal::position(position_m)
+/// A point of the end pad that can be steered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Steered {
+    /// The tip, in the middle of the end pad
+    Tip,
+    /// Where the gripper holds its load, below the tip
+    Grip,
+}
+
+impl Steered {
+    fn goal(self, at_m: [f64; 3], direction: Option<[f64; 3]>, robot: &RobotSpec) -> Result<Goal> {
+        let goal = goal(at_m, direction)?;
+        Ok(match self {
+            Self::Tip => goal,
+            Self::Grip => Goal {
+                point_m: robot.grip_m(),
+                ..goal
+            },
+        })
     }
 }
 
@@ -174,7 +189,7 @@ pub fn ensure_carried_out(driven: &Driven, seconds: f64) -> Result<()> {
 
 /// `goto`.
 pub fn goto(a: &GotoArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
-    let goal = goal(a.target, a.direction);
+    let goal = a.steer.goal(a.target, a.direction, robot)?;
     let plan = Plan::goto(goal.clone());
     let driven = a
         .common
@@ -389,23 +404,12 @@ pub fn excite(a: &ExciteArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) 
 /// `follow`.
 pub fn follow(a: &FollowArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> Result<Report> {
     let speed_m_s = a.speed * 1e-3;
-    anyhow::ensure!(
-        speed_m_s <= robot.tip_speed_max_m_s,
-        "a speed of {} mm/s is more than the tip's {} mm/s: choose a lower one",
-        a.speed,
-        robot.tip_speed_max_m_s * 1e3
-    );
     let path = a.path.shape().path(
         a.centre.unwrap_or(PATH_CENTRE_M),
         a.size * 1e-3,
         a.waypoints,
     );
-    let plan = Plan::follow(Follow {
-        path: path.clone(),
-        speed_m_s,
-        laps: a.laps,
-    })
-    .context("a path needs waypoints")?;
+    let plan = along(&path, speed_m_s, a.laps, robot)?;
     let seconds = longest_s(&path, speed_m_s, a.laps);
     let driven = a
         .common
@@ -531,6 +535,9 @@ pub struct ReachArgs {
     /// Where the gripper shall point, in the base frame (0,0,-1: straight down)
     #[arg(long, value_name = "X,Y,Z", value_parser = args::direction, allow_hyphen_values = true)]
     direction: Option<[f64; 3]>,
+    /// The point that goes to the target
+    #[arg(long, value_enum, default_value_t = Steered::Tip)]
+    steer: Steered,
     /// Mass in the gripper, kg
     #[arg(long, value_name = "KG", default_value = "0", value_parser = args::not_negative)]
     payload: f64,
@@ -543,7 +550,7 @@ pub struct ReachArgs {
 pub fn reach_command(a: &ReachArgs, robot: &RobotSpec) -> Result<Report> {
     args::payload_in_range(robot, a.payload)?;
     let maps = model::maps_for(robot, DEFAULT_RIG, a.networks.as_deref())?;
-    let goal = goal(a.target, a.direction);
+    let goal = a.steer.goal(a.target, a.direction, robot)?;
     // What the robot's patches hang on the gripper is carried too, as far as the plant knows such loads.
     let carried_kg = springtwin::sim::Model::nominal(robot).carried_kg(a.payload);
     let ask = || {

@@ -213,9 +213,8 @@ fn both_reach_an_orientation() {
         let target =
             crate::signal::pose_from_ypr([pose[0], pose[1], pose[2]], [pose[3], pose[4], pose[5]]);
         let goal = Goal {
-            position_m: [pose[0], pose[1], pose[2]],
             orientation: OrientationGoal::Rotation(target.rotation),
-            tolerance_m: 1e-3,
+            ..Goal::position([pose[0], pose[1], pose[2]])
         };
         let verdict = sim.verdict(&goal);
         let mut controller = Controller::new(&sim.robot, Gains::of(kind));
@@ -224,6 +223,40 @@ fn both_reach_an_orientation() {
         assert!(
             out.done && out.distance_m.unwrap() <= 0.5e-3,
             "{kind:?} {out:?}"
+        );
+    }
+}
+
+#[test]
+fn both_bring_a_point_below_the_tip_to_the_goal() {
+    for kind in [ControllerKind::PaperAdrc, ControllerKind::NullSpaceQp] {
+        let mut sim = Loop::new();
+        let pose = |arm: &ToyArm, q: &[f64; CHAMBERS]| {
+            let p = PoseMap::pose(arm, &arm.sensors(q, 0.0).sensors).pose;
+            crate::signal::pose_from_ypr([p[0], p[1], p[2]], [p[3], p[4], p[5]])
+        };
+        let point_m = [0.0, 0.0, -sim.robot.payload_com_m];
+        let there = pose(&sim.nominal, &[9e3, -4e3, 2e3, -5e3, 6e3, 3e3]);
+        let goal = Goal {
+            point_m,
+            ..Goal::position((there * nalgebra::Point3::from(point_m)).into())
+        };
+        let verdict = sim.verdict(&goal);
+        let mut controller = Controller::new(&sim.robot, Gains::of(kind));
+        controller.set_goal(goal.clone(), Some(&verdict));
+        let out = sim.run(&mut controller, 60.0);
+        assert!(
+            out.done && out.distance_m.unwrap() <= 0.5e-3,
+            "{kind:?} {out:?}"
+        );
+        // The arm, too, has the point there, not the tip.
+        let reached = pose(&sim.real, &sim.chamber_pa);
+        let off_m = goal.error(&reached).fixed_rows::<3>(0).norm();
+        let tip_off_m =
+            (reached.translation.vector - nalgebra::Vector3::from(goal.position_m)).norm();
+        assert!(
+            off_m < 1e-3 && tip_off_m > 0.09,
+            "{kind:?} {off_m} {tip_off_m}"
         );
     }
 }

@@ -58,7 +58,10 @@ impl Problem<'_> {
 
     /// Whether the verdict on a point as a goal of its own is that it is reachable with pressure to spare.
     fn passes(&self, samples: &[StartSample], point: &Point) -> bool {
-        let goal = Goal::position(point.position_m);
+        let goal = Goal {
+            point_m: self.goal.point_m,
+            ..Goal::position(point.position_m)
+        };
         let own = Problem {
             goal: &goal,
             ..*self

@@ -247,7 +247,7 @@ impl Panes<'_, '_> {
         let edited = Edited {
             target_m,
             reach: target_m
-                .and_then(|t| target::preview_of(self.view, t))
+                .and_then(|_| target::preview_of(self.view, &self.draft.goal().ok()?))
                 .map(|r| r.state),
             plan: track.as_ref().map(|track| PlanMarks {
                 waypoints_m: &track.waypoints_m,

@@ -24,6 +24,8 @@ pub(super) const HOLD_TO_GO_S: f64 = 0.8;
 pub struct TargetDraft {
     /// x, y, z in mm as typed.
     pub text: [String; 3],
+    /// The point that goes to the target, in the end pad's frame, m: zeros are the tip.
+    pub point_m: [f64; 3],
     /// What has become of the target that was asked about or gone to.
     pub course: Course,
     /// Whether the arm has been moved since the window was opened: no first move is offered then.
@@ -32,6 +34,9 @@ pub struct TargetDraft {
     open: HoldToGo,
     arm: HoldToGo,
 }
+
+/// Width of the list of points to steer, points.
+const STEERED: f32 = 44.0;
 
 /// A button that moves the arm: at once on the virtual rig, held down on hardware.
 #[derive(Clone, Debug, Default)]
@@ -111,9 +116,37 @@ impl TargetDraft {
     /// Takes a point of the view and asks for its verdict. Nothing moves.
     pub fn set(&mut self, target_m: [f64; 3], commands: &mut Vec<Command>) {
         self.text = target_m.map(|v| number(v * 1e3, 1).replace('−', "-"));
-        if let Ok(rounded_m) = self.parse() {
-            self.ask(rounded_m, commands);
+        if let Ok(goal) = self.goal() {
+            self.ask(goal, commands);
         }
+    }
+
+    /// The typed target for the point that is steered.
+    ///
+    /// # Errors
+    /// As [`Self::parse`].
+    pub fn goal(&self) -> Result<Goal, String> {
+        Ok(Goal {
+            point_m: self.point_m,
+            ..Goal::position(self.parse()?)
+        })
+    }
+
+    /// Steers another point from now on. Nothing moves: a target that is there is previewed for it.
+    pub fn steer(&mut self, point_m: [f64; 3], commands: &mut Vec<Command>) {
+        self.point_m = point_m;
+        self.course.forget();
+        match self.goal() {
+            Ok(goal) => self.ask(goal, commands),
+            Err(_) => commands.push(Command::CancelPreview),
+        }
+    }
+
+    /// Takes the rest position and previews it.
+    pub fn home(&mut self, spec: &RobotSpec, commands: &mut Vec<Command>) {
+        let [x, y, z] = home_m(spec);
+        let [px, py, pz] = self.point_m;
+        self.set([x + px, y + py, z + pz], commands);
     }
 
     /// The typed target in m.
@@ -135,9 +168,9 @@ impl TargetDraft {
         Ok(target_m)
     }
 
-    fn ask(&mut self, target_m: [f64; 3], commands: &mut Vec<Command>) {
-        self.course.ask(target_m);
-        commands.push(Command::Preview(Goal::position(target_m)));
+    fn ask(&mut self, goal: Goal, commands: &mut Vec<Command>) {
+        self.course.ask(goal.clone());
+        commands.push(Command::Preview(goal));
     }
 }
 
@@ -198,20 +231,20 @@ pub fn verdict(reach: &Reach) -> Verdict {
 }
 
 /// The verdict that belongs to a target, if the twin has given it.
-pub fn preview_of<'a>(view: &View<'a>, target_m: [f64; 3]) -> Option<&'a Reach> {
+pub fn preview_of<'a>(view: &View<'a>, target: &Goal) -> Option<&'a Reach> {
     let (goal, reach) = view.snapshot.preview.as_ref()?;
-    let near = |i: usize| (goal.position_m[i] - target_m[i]).abs() < 5e-5;
-    (0..3).all(near).then_some(reach)
+    let near = |i: usize| (goal.position_m[i] - target.position_m[i]).abs() < 5e-5;
+    (goal.point_m == target.point_m && (0..3).all(near)).then_some(reach)
 }
 
 /// Whether Go is possible, or why not.
 pub fn go_gate(view: &View<'_>, draft: &TargetDraft) -> Gate {
     view.motion()?;
-    let target_m = draft.parse()?;
-    if let Some(reason) = draft.course.refusal(&target_m) {
+    let goal = draft.goal()?;
+    if let Some(reason) = draft.course.refusal(&goal.position_m) {
         return Err(reason.into());
     }
-    let Some(reach) = preview_of(view, target_m) else {
+    let Some(reach) = preview_of(view, &goal) else {
         return Err("Preview the target first.".into());
     };
     match reach.state {
@@ -244,11 +277,12 @@ pub fn offers_first(view: &View<'_>, draft: &TargetDraft) -> bool {
 
 /// The first move, in one press.
 pub fn send_first(view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
+    draft.point_m = [0.0; 3];
     draft.text = first_m(view.spec).map(|v| number(v * 1e3, 1).replace('−', "-"));
-    if let Ok(target_m) = draft.parse() {
+    if let Ok(goal) = draft.goal() {
         arm_simulated(view, commands);
-        commands.push(Command::Goto(Goal::position(target_m)));
-        draft.course.send(target_m, view.snapshot);
+        commands.push(Command::Goto(goal.clone()));
+        draft.course.send(goal, view.snapshot);
     }
 }
 
@@ -261,8 +295,8 @@ pub fn highlighted(text: &str, p: &Palette) -> Button<'static> {
 pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
     ui.spacing_mut().item_spacing.y = 5.0;
     arming(ui, view, &mut draft.arm, commands);
-    let submitted = fields(ui, draft);
-    let parsed = draft.parse();
+    let submitted = fields(ui, view, draft, commands);
+    let parsed = draft.goal();
     let live = view.live();
     let preview_gate = live.clone().and(parsed.clone().map(|_| ()));
     let buttons = if is_armed(view) { 4.0 } else { 3.0 };
@@ -278,8 +312,8 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
             "Check whether the tip can get there. Nothing moves (Enter).",
         )
         .clicked();
-        if let (true, Ok(target_m), Ok(())) = (clicked || submitted, &parsed, &live) {
-            draft.ask(*target_m, commands);
+        if let (true, Ok(goal), Ok(())) = (clicked || submitted, &parsed, &live) {
+            draft.ask(goal.clone(), commands);
         }
         let cancel = if view.snapshot.preview.is_some() {
             live.clone()
@@ -299,7 +333,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
         }
         let hover = "Take the rest position, straight below the base, as the target and preview it. Nothing moves.";
         if gated(ui, &live, Button::new("Home").min_size(one), hover).clicked() {
-            draft.set(home_m(view.spec), commands);
+            draft.home(view.spec, commands);
         }
         if is_armed(view) {
             let button = Button::new("Disarm").min_size(one);
@@ -308,7 +342,7 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
             }
         }
     });
-    let reach = parsed.as_ref().ok().and_then(|&t| preview_of(view, t));
+    let reach = parsed.as_ref().ok().and_then(|goal| preview_of(view, goal));
     card(ui, view, draft, &parsed, reach, commands);
     let half = vec2((ui.available_width() - 8.0) / 2.0, 29.0);
     ui.horizontal(|ui| {
@@ -342,11 +376,45 @@ pub fn ui(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut 
     });
 }
 
-fn fields(ui: &mut Ui, draft: &mut TargetDraft) -> bool {
-    let width = (ui.available_width() - 3.0 * 20.0 - 28.0) / 3.0;
+/// Which point goes to the target.
+fn steered(ui: &mut Ui, view: &View<'_>, draft: &mut TargetDraft, commands: &mut Vec<Command>) {
+    let points = [("Tip", [0.0; 3]), ("Grip", view.spec.grip_m())];
+    let now = points.iter().find(|(_, m)| *m == draft.point_m);
+    let mut chosen = draft.point_m;
+    let list = egui::ComboBox::from_id_salt("steered")
+        .width(STEERED)
+        .selected_text(now.map_or("?", |(name, _)| name));
+    let response = list
+        .show_ui(ui, |ui| {
+            for (name, point_m) in points {
+                ui.selectable_value(&mut chosen, point_m, name);
+            }
+        })
+        .response
+        .accessible_name("Steered point");
+    let below = number(view.spec.payload_com_m * 1e3, 0);
+    response.on_hover_text(format!(
+        "Which point goes to the target: the tip in the middle of the end pad, or the grip point {below} mm below it, where the \
+         gripper holds its load"
+    ));
+    if chosen != draft.point_m {
+        draft.steer(chosen, commands);
+    }
+}
+
+fn fields(
+    ui: &mut Ui,
+    view: &View<'_>,
+    draft: &mut TargetDraft,
+    commands: &mut Vec<Command>,
+) -> bool {
     let mut submitted = false;
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 6.0;
+        if view.spec.payload_com_m > 0.0 {
+            steered(ui, view, draft, commands);
+        }
+        let width = (ui.available_width() - 3.0 * 20.0 - 28.0) / 3.0;
         for (i, name) in ["x", "y", "z"].into_iter().enumerate() {
             note(ui, name);
             let edit = TextEdit::singleline(&mut draft.text[i])
@@ -381,7 +449,7 @@ fn card(
     ui: &mut Ui,
     view: &View<'_>,
     draft: &mut TargetDraft,
-    parsed: &Result<[f64; 3], String>,
+    parsed: &Result<Goal, String>,
     reach: Option<&Reach>,
     commands: &mut Vec<Command>,
 ) {
@@ -396,7 +464,8 @@ fn card(
             // Three lines: what stands below stays where it is, whatever is typed and found, unless a reason is long.
             ui.set_min_height(60.0);
             ui.spacing_mut().item_spacing.y = 3.0;
-            let target_m = parsed.as_ref().ok().filter(|_| view.replay.is_none());
+            let target_m = parsed.as_ref().ok().map(|goal| &goal.position_m);
+            let target_m = target_m.filter(|_| view.replay.is_none());
             let said = target_m.and_then(|t| draft.course.says(t, view.snapshot));
             let settled = target_m.is_some_and(|t| draft.course.is_settled(t));
             match (reach.filter(|_| !settled), said, parsed) {
@@ -435,14 +504,14 @@ fn progress(ui: &mut Ui, said: &Said) {
     note(ui, &said.detail);
 }
 
-fn verdict_lines(ui: &mut Ui, view: &View<'_>, reach: &Reach, parsed: &Result<[f64; 3], String>) {
+fn verdict_lines(ui: &mut Ui, view: &View<'_>, reach: &Reach, parsed: &Result<Goal, String>) {
     let p = *Palette::in_ui(ui);
     let v = verdict(reach);
     let title = RichText::new(format!("{} {}", v.glyph, v.title));
     ui.label(title.color(p.level_text(v.level)));
     note(ui, v.detail);
-    if let (Some(e), Ok(t)) = (&view.snapshot.estimate, parsed) {
-        let d = (e.base_from_tip.translation.vector - nalgebra::Vector3::from(*t)).norm();
+    if let (Some(e), Ok(goal)) = (&view.snapshot.estimate, parsed) {
+        let d = goal.error(&e.base_from_tip).fixed_rows::<3>(0).norm();
         let text = format!(
             "{} mm to move, at least {} s",
             number(d * 1e3, 1),
@@ -463,13 +532,16 @@ fn go(
     let fire = Fire {
         now: "▶ Go",
         hold: "▶ Hold to go",
-        hover: "Move the tip to the target",
+        hover: match draft.point_m == [0.0; 3] {
+            true => "Move the tip to the target",
+            false => "Move the grip point to the target",
+        },
     };
     if draft.hold.button(ui, view, &gate, &fire, size) {
         arm_simulated(view, commands);
         commands.push(Command::Go);
-        if let Ok(target_m) = draft.parse() {
-            draft.course.send(target_m, view.snapshot);
+        if let Ok(goal) = draft.goal() {
+            draft.course.send(goal, view.snapshot);
         }
     }
 }

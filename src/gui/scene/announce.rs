@@ -43,7 +43,12 @@ impl Scene {
             point("tip".into(), "tip", convert::array(self.tip_m(snapshot)));
         }
         if let Some(goal) = &snapshot.goal {
-            point("goal".into(), "goal", goal.position_m);
+            let text = if goal.is_of_tip() {
+                "goal"
+            } else {
+                "goal of the grip point"
+            };
+            point("goal".into(), text, goal.position_m);
         }
         if let Some((shape, name)) = input.tried {
             let at_m = shape.base_from_pad[2].translation.vector.into();

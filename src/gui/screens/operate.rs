@@ -5,7 +5,7 @@ use egui::{Ui, Vec2, vec2};
 use super::settings;
 use crate::gui::panels::operate::{self, OperateState, PANES, Pane};
 use crate::gui::panels::plans::{PlanKind, start_gate};
-use crate::gui::panels::target::{arm_simulated, go_gate, home_m};
+use crate::gui::panels::target::{arm_simulated, go_gate};
 use crate::gui::scene::camera::View as Side;
 use crate::gui::screen::{Ctx, Known, List, Screen, Task, check};
 use crate::robot::RobotSpec;
@@ -89,8 +89,8 @@ impl Screen for OperateState {
         list.act("Go to the target", "move motion", go, |o, ctx| {
             arm_simulated(&ctx.live, ctx.commands);
             ctx.commands.push(Command::Go);
-            if let Ok(target_m) = o.draft.parse() {
-                o.draft.course.send(target_m, ctx.live.snapshot);
+            if let Ok(goal) = o.draft.goal() {
+                o.draft.course.send(goal, ctx.live.snapshot);
             }
         });
         let cancel = check(s.preview.is_some(), "Nothing is under preview.");
@@ -100,9 +100,25 @@ impl Screen for OperateState {
         let words = "home rest zero neutral straight down park centre";
         let home = |o: &mut Self, ctx: &mut Ctx<'_>| {
             o.show(Pane::Target);
-            o.draft.set(home_m(ctx.live.spec), ctx.commands);
+            o.draft.home(ctx.live.spec, ctx.commands);
         };
         list.act("Preview the home position", words, shown.clone(), home);
+        let grip_m = live.spec.grip_m();
+        for (name, point_m) in [
+            ("Steer the tip", [0.0; 3]),
+            ("Steer the grip point", grip_m),
+        ] {
+            let there = check(
+                live.spec.payload_com_m > 0.0,
+                "The robot file has no grip point below the end pad.",
+            );
+            let gate = shown.clone().and(there);
+            let words = "steered point pad gripper target";
+            list.act(name, words, gate, move |o, ctx| {
+                o.show(Pane::Target);
+                o.draft.steer(point_m, ctx.commands);
+            });
+        }
         for (kind, name, words) in [
             (PlanKind::Circle, "Set up a circle", "plan path loop round"),
             (PlanKind::Eight, "Set up a figure 8", "plan path eight loop"),

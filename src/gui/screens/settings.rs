@@ -54,8 +54,9 @@ pub fn operate(state: &OperateState, known: &Known<'_>, list: &mut List<OperateS
         });
     }
     let target_m = state.draft.parse().ok();
-    let nearest = target_m
-        .and_then(|t| preview_of(&known.live, t))
+    let goal = state.draft.goal().ok();
+    let nearest = goal
+        .and_then(|goal| preview_of(&known.live, &goal))
         .filter(|r| r.distance_m > 0.0)
         .map(|r| r.nearest_m);
     let gate = known.shown.live().and(check(

@@ -104,6 +104,43 @@ fn a_plan_that_ends_without_a_word_is_not_looked_at_for_ever() {
 }
 
 #[test]
+fn the_grip_point_is_steered_instead_of_the_tip() {
+    let (twin, mut h) = running(fixture::snapshot(1.0));
+    press(&mut h, "Arm, side view");
+    let commands = twin.taken();
+    let [Command::Preview(of_tip)] = commands.as_slice() else {
+        panic!("{commands:?}");
+    };
+    assert!(of_tip.is_of_tip());
+    let of_tip = of_tip.clone();
+    let shown = |goal: &Goal| {
+        let mut s = fixture::snapshot(2.0);
+        let reach = fixture::reach(ReachState::Reachable, goal.position_m);
+        s.preview = Some((goal.clone(), reach));
+        s
+    };
+    twin.publish(shown(&of_tip));
+    h.run_steps(3);
+    assert!(!is_disabled(&h, "▶ Go"));
+    press(&mut h, "Steered point");
+    press(&mut h, "Grip");
+    let commands = twin.taken();
+    let [Command::Preview(goal)] = commands.as_slice() else {
+        panic!("{commands:?}");
+    };
+    let wanted = Goal {
+        point_m: RobotSpec::reference().grip_m(),
+        ..of_tip
+    };
+    assert_eq!(goal, &wanted);
+    // The verdict on the tip is none on the grip point.
+    assert!(is_disabled(&h, "▶ Go"));
+    twin.publish(shown(&wanted));
+    h.run_steps(3);
+    assert!(!is_disabled(&h, "▶ Go"));
+}
+
+#[test]
 fn waypoints_are_clicked_while_draw_is_on_and_the_target_stays() {
     let (twin, mut h) = with_plan(fixture::snapshot(1.0));
     press(&mut h, "Points");

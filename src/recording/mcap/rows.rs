@@ -6,35 +6,12 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::series::{Collected, Series, Wanted};
 use super::tables::{Imus, Several, Single, Source, Tables};
-use crate::recording::{MappedBodies, MappedLog, PSI_PA};
+use crate::recording::map_units::{ANGLES, LENGTHS, MASSES, PRESSURES, Units, size};
+use crate::recording::{MappedBodies, MappedLog};
 use crate::signal::{CHAMBERS, IMUS, Pose, SPRINGS, SensorVec, ypr_from_rotation};
 
 /// How far a message may be from its row, s, where the map does not state it.
 const NEAR_S: f64 = 0.03;
-
-/// Units with their size in SI.
-type Units = [(&'static str, f64)];
-const PRESSURES: [(&str, f64); 5] = [
-    ("Pa", 1.0),
-    ("kPa", 1e3),
-    ("psi", PSI_PA),
-    ("mbar", 1e2),
-    ("bar", 1e5),
-];
-const LENGTHS: [(&str, f64); 2] = [("m", 1.0), ("mm", 1e-3)];
-const ANGLES: [(&str, f64); 2] = [("rad", 1.0), ("deg", std::f64::consts::PI / 180.0)];
-const MASSES: [(&str, f64); 2] = [("kg", 1.0), ("g", 1e-3)];
-
-fn size(unit: &str, units: &Units) -> Result<f64, String> {
-    let known = units.iter().find(|(name, _)| *name == unit);
-    known.map(|(_, size)| *size).ok_or_else(|| {
-        let names: Vec<&str> = units.iter().map(|(name, _)| *name).collect();
-        format!(
-            "the map has the unit '{unit}', and it can be {}",
-            names.join(", ")
-        )
-    })
-}
 
 /// Puts what was read into rows.
 pub(super) struct Rows<'a> {

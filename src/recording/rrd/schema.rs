@@ -25,6 +25,7 @@
 //! | `command`, `set_pa` | stamp ns and gripper; 6 pressures |
 //! | `sensor_ref` | references of the 24 signals, m and rad |
 //! | `goal`, `goal_pose` | orientation goal (0 free, 1 rotation, 2 direction); pose (7; x, y, z of the direction and 0), tolerance m |
+//! | `goal_point` | the steered point in the end pad's frame, m; none where that is the tip |
 //! | `link`, `link_counts` | connected, age s, two board rates Hz, payload kg; frames, lost frames, mode |
 //! | `mode_reason` | why the twin is SAFE |
 //!
@@ -154,6 +155,7 @@ pub(super) mod column {
     pub(crate) const LINK: usize = 24;
     pub(crate) const LINK_COUNTS: usize = 25;
     pub(crate) const MODE_REASON: usize = 26;
+    pub(crate) const GOAL_POINT: usize = 27;
 }
 
 const fn of(name: &'static str, kind: Kind, width: usize) -> Column {
@@ -161,7 +163,7 @@ const fn of(name: &'static str, kind: Kind, width: usize) -> Column {
 }
 
 /// All columns of the data.
-pub(super) const COLUMNS: [Column; 27] = [
+pub(super) const COLUMNS: [Column; 28] = [
     of("springtwin:raw_frame", Kind::I64, 4),
     of("springtwin:raw_clocks", Kind::F64, 6),
     of("springtwin:raw_spring_counts", Kind::U32, 12),
@@ -189,6 +191,7 @@ pub(super) const COLUMNS: [Column; 27] = [
     of("springtwin:link", Kind::F64, 5),
     of("springtwin:link_counts", Kind::I64, 3),
     of("springtwin:mode_reason", Kind::Text, 1),
+    of("springtwin:goal_point", Kind::F64, 3),
 ];
 
 /// What a viewer plots on one entity.

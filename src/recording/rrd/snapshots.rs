@@ -244,7 +244,9 @@ impl<'a> Rows<'a> {
 
     fn goal(&self) -> Option<Goal> {
         let [aim] = self.i64(column::GOAL)?;
-        Some(stored::goal(aim, &self.f64(column::GOAL_POSE)?))
+        let point_m = self.f64(column::GOAL_POINT).unwrap_or_default();
+        let goal = stored::goal(aim, &self.f64(column::GOAL_POSE)?);
+        Some(Goal { point_m, ..goal })
     }
 
     fn command(&self) -> Option<PressureCommand> {

@@ -110,7 +110,6 @@ pub(super) fn truth([stamp, source]: [i64; 2], values: &[f64; 7]) -> GroundTruth
 /// A goal of the kind of its orientation, a pose and a tolerance.
 pub(super) fn goal(aim: i64, values: &[f64; 8]) -> Goal {
     Goal {
-        position_m: [values[0], values[1], values[2]],
         orientation: match aim {
             0 => OrientationGoal::Free,
             1 => OrientationGoal::Rotation(pose(values).rotation),
@@ -119,6 +118,7 @@ pub(super) fn goal(aim: i64, values: &[f64; 8]) -> Goal {
             ))),
         },
         tolerance_m: values[7],
+        ..Goal::position([values[0], values[1], values[2]])
     }
 }
 

@@ -171,7 +171,10 @@ fn snapshot(n: i64, rng: &mut Pcg64Mcg) -> Snapshot {
             base_from_tip: pose_from_ypr([0.1 * wave, 0.021, -0.301], [0.0, wave, 0.1]),
             source: TruthSource::VirtualRig,
         }),
-        goal: (n >= 30).then(|| Goal::position([0.05, 0.02, -0.3])),
+        goal: (n >= 30).then(|| Goal {
+            point_m: [0.0, 0.0, if n >= 45 { -0.1 } else { 0.0 }],
+            ..Goal::position([0.05, 0.02, -0.3])
+        }),
         sensor_ref: (n >= 30).then(|| SensorRef::from_fn(|_, _| rng.random_range(0.1..0.2))),
         command: (n >= 30).then(|| {
             let wanted = std::array::from_fn(|_| rng.random_range(-50e3..50e3));

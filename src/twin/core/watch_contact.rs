@@ -283,17 +283,21 @@ impl Twin {
         })
     }
 
-    /// The leg under way, the point that the tip is steered to (m), and whether it moves on along a path.
+    /// The leg under way, where the tip shall be (m) while the end pad is turned as it is, and whether that moves on along a path.
     fn steered_to(&self) -> Option<(usize, Vector3<f64>, bool)> {
         let Phase::Moving { routine, .. } = &self.phase else {
             return None;
         };
         let (target_m, on_path) = match routine.target()? {
-            Target::Goal(goal, _) => (goal.position_m, false),
-            Target::Along(_, via) => (via.position_m, true),
+            Target::Goal(goal, _) => {
+                let turned = self.estimate.as_ref()?.base_from_tip.rotation;
+                let at_m = Vector3::from(goal.position_m) - goal.arm_m(&turned);
+                (at_m, false)
+            }
+            Target::Along(_, via) => (via.position_m.into(), true),
             Target::Pressures(_) => return None,
         };
-        Some((routine.legs_done(), target_m.into(), on_path))
+        Some((routine.legs_done(), target_m, on_path))
     }
 
     fn where_it_is(&self) -> Option<(Stamp, Vector3<f64>, [f64; CHAMBERS])> {

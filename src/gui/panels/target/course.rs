@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use crate::gui::panels::widgets::number;
 use crate::gui::theme::Level;
-use crate::signal::{Mode, Pose, Snapshot, Stamp};
+use crate::signal::{Goal, Mode, Pose, Snapshot, Stamp};
 use crate::twin::Event;
 
 /// Two targets closer than this in each coordinate are the same, m: half of what is shown.
@@ -21,7 +21,8 @@ const PACE_MIN_M_S: f64 = 1e-4;
 /// The target that was asked about or gone to last.
 #[derive(Clone, Debug, Default)]
 pub struct Course {
-    target_m: [f64; 3],
+    /// `None` before there was one.
+    goal: Option<Goal>,
     state: State,
     /// The last refusal while the tip was on its way.
     refused: Option<(Stamp, String)>,
@@ -67,29 +68,30 @@ fn same(a: &[f64; 3], b: &[f64; 3]) -> bool {
     (0..3).all(|i| (a[i] - b[i]).abs() < SAME_M)
 }
 
-/// Distance of a pose from a place, m.
-fn off_m(base_from_tip: &Pose, at_m: &[f64; 3]) -> f64 {
-    (base_from_tip.translation.vector - nalgebra::Vector3::from(*at_m)).norm()
-}
-
 impl Course {
     /// The twin is asked for a verdict.
-    pub fn ask(&mut self, target_m: [f64; 3]) {
-        self.begin(target_m, State::Asked);
+    pub fn ask(&mut self, goal: Goal) {
+        self.begin(goal, State::Asked);
     }
 
     /// Go was pressed now.
-    pub fn send(&mut self, target_m: [f64; 3], now: &Snapshot) {
-        self.begin(target_m, State::Sent(now.stamp));
+    pub fn send(&mut self, goal: Goal, now: &Snapshot) {
+        self.begin(goal, State::Sent(now.stamp));
         self.began = Some((now.stamp, self.distance_m(now)));
     }
 
-    fn begin(&mut self, target_m: [f64; 3], state: State) {
+    fn begin(&mut self, goal: Goal, state: State) {
         *self = Self {
-            target_m,
+            goal: Some(goal),
             state,
             ..Self::default()
         };
+    }
+
+    /// Whether it is about this target.
+    fn is_of(&self, target_m: &[f64; 3]) -> bool {
+        let goal = self.goal.as_ref();
+        goal.is_some_and(|g| same(&g.position_m, target_m))
     }
 
     /// Lets go of the target.
@@ -103,13 +105,13 @@ impl Course {
             self.state,
             State::Sent(_) | State::Going | State::Reached(_)
         );
-        settled && same(&self.target_m, target_m)
+        settled && self.is_of(target_m)
     }
 
     /// Why Go is off, as far as this target is concerned.
     pub fn refusal(&self, target_m: &[f64; 3]) -> Option<&'static str> {
         match self.state {
-            _ if !same(&self.target_m, target_m) => None,
+            _ if !self.is_of(target_m) => None,
             State::Sent(_) | State::Going => Some("The tip is on its way there."),
             State::Reached(_) => Some("The tip is there: pick another target."),
             _ => None,
@@ -139,19 +141,15 @@ impl Course {
 
     /// Takes note of where the arm is and what it does.
     pub fn follow(&mut self, live: &Snapshot) {
-        let goal = live
-            .goal
-            .as_ref()
-            .filter(|g| same(&g.position_m, &self.target_m));
+        let goal = live.goal.as_ref().filter(|g| self.is_of(&g.position_m));
         let at_goal = live.mode == Mode::AtGoal;
         let is_goal = goal.is_some() && (at_goal || live.mode == Mode::Moving);
         let left_m = self.distance_m(live);
         let now = live.stamp;
         if is_goal && at_goal && self.result.is_none() {
             let took_s = self.began.map_or(f64::NAN, |(since, _)| now.since(since));
-            let truth = live.fresh_truth();
-            let off_m = truth.map(|t| off_m(&t.base_from_tip, &self.target_m));
-            self.result = Some((took_s, off_m));
+            let truth = live.fresh_truth().map(|t| t.base_from_tip);
+            self.result = Some((took_s, truth.and_then(|t| self.off_m(&t))));
         }
         match &self.state {
             State::Sent(_) | State::Ended(..) if is_goal => self.state = State::Going,
@@ -182,8 +180,14 @@ impl Course {
 
     /// Distance of the estimate from the target, m.
     fn distance_m(&self, live: &Snapshot) -> f64 {
-        let estimate = live.estimate.as_ref();
-        estimate.map_or(f64::NAN, |e| off_m(&e.base_from_tip, &self.target_m))
+        let off_m = live.estimate.as_ref().map(|e| self.off_m(&e.base_from_tip));
+        off_m.flatten().unwrap_or(f64::NAN)
+    }
+
+    /// Distance of the steered point from the target at a pose of the tip, m.
+    fn off_m(&self, base_from_tip: &Pose) -> Option<f64> {
+        let error = self.goal.as_ref()?.error(base_from_tip);
+        Some(error.fixed_rows::<3>(0).norm())
     }
 
     /// Time until the tip is there at the pace of the last seconds, s.
@@ -207,7 +211,7 @@ impl Course {
 
     /// What there is to read about `target_m`; nothing if it was neither asked about nor gone to.
     pub fn says(&self, target_m: &[f64; 3], live: &Snapshot) -> Option<Said> {
-        if !same(&self.target_m, target_m) {
+        if !self.is_of(target_m) {
             return None;
         }
         let said = |level, title: String, detail: String| {
@@ -272,7 +276,6 @@ fn why(mode: &Mode) -> String {
 mod tests {
     use super::*;
     use crate::analysis::fixture;
-    use crate::signal::Goal;
 
     const AT_M: [f64; 3] = [0.06, 0.04, -0.30];
 
@@ -303,8 +306,8 @@ mod tests {
     /// Under way since 10 s at 5 mm/s, 20 mm left at 12 s.
     fn going() -> Course {
         let mut course = Course::default();
-        course.ask(AT_M);
-        course.send(AT_M, &live(10.0, Mode::Hold, 0.03));
+        course.ask(Goal::position(AT_M));
+        course.send(Goal::position(AT_M), &live(10.0, Mode::Hold, 0.03));
         for k in 0..=20 {
             let t_s = 10.0 + 0.1 * f64::from(k);
             course.follow(&live(t_s, Mode::Moving, 0.03 - 5e-3 * (t_s - 10.0)));
@@ -367,18 +370,18 @@ mod tests {
     #[test]
     fn a_go_that_is_refused_and_a_question_without_an_answer_say_so() {
         let mut course = Course::default();
-        course.ask(AT_M);
+        course.ask(Goal::position(AT_M));
         let s = live(1.0, Mode::Hold, 0.02);
         assert!(read(&course, &s).starts_with("Checking…"));
         course.observe(&refusal(1.0, "Load other networks."));
         assert_eq!(read(&course, &s), "▲ No verdict | Load other networks.");
-        course.send(AT_M, &live(2.0, Mode::Hold, 0.02));
+        course.send(Goal::position(AT_M), &live(2.0, Mode::Hold, 0.02));
         course.follow(&live(2.1, Mode::Hold, 0.02));
         assert!(read(&course, &s).starts_with("▶ Setting out"));
         course.observe(&refusal(2.1, "Too old."));
         assert_eq!(read(&course, &s), "▲ Not started | Too old.");
         // Nor does it wait without end where nobody answers.
-        course.send(AT_M, &live(3.0, Mode::Hold, 0.02));
+        course.send(Goal::position(AT_M), &live(3.0, Mode::Hold, 0.02));
         course.follow(&live(4.5, Mode::Hold, 0.02));
         assert!(read(&course, &s).starts_with("▲ Not reached"));
     }

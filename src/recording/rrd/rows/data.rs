@@ -295,6 +295,8 @@ impl Data {
     }
 
     fn push_goal(&mut self, goal: Option<&Goal>) {
+        let point = |g: &&Goal| !g.is_of_tip() && self.is_finite(&g.point_m);
+        let point_m = goal.filter(point).map(|g| &g.point_m);
         let goal = goal.map(goal_values);
         let goal = goal.filter(|(_, values)| self.is_finite(values));
         let goal = goal.as_ref();
@@ -303,6 +305,7 @@ impl Data {
             goal.map(|(aim, _)| Row::I64(std::slice::from_ref(aim))),
         );
         self.set(column::GOAL_POSE, goal.map(|(_, values)| Row::F64(values)));
+        self.set(column::GOAL_POINT, point_m.map(|p| Row::F64(p)));
     }
 
     /// Snapshots that wait.
