@@ -436,12 +436,23 @@ class Step:
     targets: tuple
 
 
+def python(quick: bool) -> dict:
+    call(PYTHON, "-m", "pip", "install", "--quiet", ROOT / "python", limit_s=3600)
+    options = ["--poses", "500", "--starts", "20", "--mujoco", "4"] if quick else []
+    found = json.loads(call(PYTHON, ROOT / "python/benches/solve.py", "--program", PROGRAM, "--json", *options))
+    ours = found.pop("Robot.solve, all at once")
+    scaled = "scaled from some of the poses, but for those of one start"
+    peers = [(name, [time_s]) for name, time_s in found.items()]
+    return {"python": Figure([ours], scaled, peers=peers)}
+
+
 STEPS = [
     Step("the program", built, ("binary",)),
     Step("the window on a virtual display", window, ("first-frame", "idle-operate", "idle-sensors")),
     Step("criterion's benchmarks", hot,
          ("rod-warm", "rod-cold", "dynamics", "mesh-warm", "reach-yes", "reach-no", "solve", "frame")),
     Step("PyElastica and MuJoCo", statics, ("rod-pose", "+dynamics")),
+    Step("the Python package", python, ("python",)),
     Step("PyTorch and ONNX Runtime", learning, ("epoch", "to-error", "jacobian")),
     Step("real time", real_time, ("missed", "lost")),
     Step("data sets", datasets, ("rod-20000", "mesh-20000")),

@@ -42,6 +42,7 @@ TARGETS = [
     Target("rod-cold", SIMULATORS, "rod statics, from rest", "us", 1000, alone="see the next line"),
     Target("rod-pose", SIMULATORS, "one settled pose of a batch, from rest, processor time", "us"),
     Target("rod-20000", SIMULATORS, "20,000 rod samples", "s", 10, alone="see the line above"),
+    Target("python", SIMULATORS, "10,000 settled poses from Python in one call, wall time", "s"),
     Target("dynamics", SIMULATORS, "dynamics at 1 kHz on one core, the slowest of three motions",
            "x real time", at_least=20),
     Target("rig", SIMULATORS, "the virtual rig with everything on, one core", "x real time", at_least=10, alone=OWN),
@@ -88,6 +89,8 @@ ELSEWHERE = [
      "springtwin soak --hours 24 --accelerate"),
     ("accuracy of sensing and control over loads, speeds, stiffnesses; the far move with and without the"
      " initial guess", "springtwin study all --out DIR"),
+    ("laws beside PySINDy, gplearn and pyoperon", "python benches/peers/laws.py"),
+    ("the live monitor beside principal components and change points", "python benches/peers/monitor.py"),
     ("the rod model against known results", "springtwin sim validate"),
     ("60 frames per second on a graphics card, 2560 x 1440 (NVIDIA H200: 71 on the slowest screen, Sensors)",
      "cargo bench --bench long -- drawn"),

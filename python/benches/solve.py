@@ -1,6 +1,6 @@
 """10,000 poses at rest: `Robot.solve`, the command once per pose, its table, and MuJoCo's Python loop; simulated.
 
-    python python/benches/solve.py [--poses 10000] [--starts 200] [--mujoco 20] [--program target/release/springtwin]
+    python python/benches/solve.py [--poses 10000] [--starts 200] [--mujoco 20] [--program target/release/springtwin] [--json]
 
 The command is started for `--starts` of the poses and MuJoCo settles `--mujoco` of them; both are scaled to all poses, as the output
 states. The arm in MuJoCo is that of `benches/peers` with its settings, until the tip moves by less than 0.1 mm between looks;
@@ -10,6 +10,7 @@ without the package it is left out.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import subprocess
 import sys
@@ -31,6 +32,7 @@ def main() -> None:
     options.add_argument("--starts", type=int, default=200)
     options.add_argument("--mujoco", type=int, default=20)
     options.add_argument("--program", type=Path, default=ROOT / "target" / "release" / "springtwin")
+    options.add_argument("--json", action="store_true", help="seconds of each way by its name")
     a = options.parse_args()
 
     robot = springtwin.Robot()
@@ -45,9 +47,13 @@ def main() -> None:
         rows.append(("the command, once per pose", seconds(lambda: commands(a.program, some)) / len(some) * a.poses, f"{len(some)} starts, scaled"))
         rows.append(("sim solve --batch, one start", table(a.program, pressures), "measured"))
     else:
-        print(f"left out: the command, because {a.program} is not there (cargo build --release, or --program)")
+        why = f"left out: the command, because {a.program} is not there (cargo build --release, or --program)"
+        print(why, file=sys.stderr)
     rows += mujoco(pressures[: a.mujoco], a.poses)
 
+    if a.json:
+        json.dump({name: time_s for name, time_s, _ in rows}, sys.stdout)
+        return
     print(f"{a.poses} poses at rest on {os.cpu_count()} cores, springtwin {springtwin.__version__} (simulated)")
     for name, time_s, how in rows:
         print(f"  {name:32} {time_s:10.3f} s {1e6 * time_s / a.poses:10.1f} us a pose {time_s / ours:9.1f} x   ({how})")
@@ -94,7 +100,7 @@ def mujoco(pressures: np.ndarray, poses: int) -> list[tuple[str, float, str]]:
         import arm
         from mujoco_arm import Simulation
     except ImportError as e:
-        print(f"left out: MuJoCo, because {e.name} is not installed")
+        print(f"left out: MuJoCo, because {e.name} is not installed", file=sys.stderr)
         return []
     robot = arm.read(ROOT / "assets" / "robots" / "reference.toml")
     rows = []

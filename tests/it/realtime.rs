@@ -22,6 +22,7 @@ use springtwin::signal::{Mode, Snapshot};
 use springtwin::twin::{Command, Runner, SerialPort, TICK_S, run_in_real_time};
 
 #[cfg(feature = "gui")]
+mod tour;
 mod walk;
 #[cfg(feature = "gui")]
 mod window;

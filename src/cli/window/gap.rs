@@ -24,7 +24,7 @@ use springtwin::gap::{
 };
 use springtwin::gui::services::Worker;
 use springtwin::gui::services::gap::{
-    Arm, ExamplePair, GapServices, Pair, RobotMatch, SessionSheet, SheetGroup,
+    Arm, ExamplePair, GapServices, Kept, Pair, RobotMatch, SessionSheet, SheetGroup,
 };
 use springtwin::lab::commission::{beyond, kinds};
 use springtwin::lab::gap_bench::{self, Example};
@@ -190,9 +190,9 @@ fn sheet_of_baseline(path: &Path, rig: &Commissioned, robot: &RobotSpec) -> Sess
         .any(|s| s[0] == virtual_baseline::SESSION);
     let made = path.metadata().and_then(|m| m.modified()).ok();
     let age = made.and_then(|t| t.elapsed().ok()).unwrap_or_default();
-    let age_days = match ships {
-        true => f64::NAN,
-        false => age.as_secs_f64() / 86_400.0,
+    let kept = match ships {
+        true => Kept::Shipped,
+        false => Kept::Days(age.as_secs_f64() / 86_400.0),
     };
     let group = |name: &str, channels: std::ops::Range<usize>, each: usize| SheetGroup {
         name: name.to_owned(),
@@ -220,7 +220,7 @@ fn sheet_of_baseline(path: &Path, rig: &Commissioned, robot: &RobotSpec) -> Sess
         ],
         robot: robot_match(known),
         simulated: None,
-        kept_days: Some(age_days),
+        kept: Some(kept),
     }
 }
 
@@ -320,7 +320,7 @@ fn sheet_of(
         groups,
         robot,
         simulated,
-        kept_days: None,
+        kept: None,
     }
 }
 

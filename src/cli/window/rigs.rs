@@ -324,6 +324,24 @@ mod tests {
     use springtwin::signal::{Mode, SPRINGS, SensorRef};
     use springtwin::twin::Clock;
 
+    /// A window's rigs as without options.
+    fn rigs_on(rig: &str, robot: RobotSpec, data: &Path) -> Rigs {
+        Rigs {
+            rig: rig.into(),
+            maps: model::maps_for(&robot, DEFAULT_RIG, None).expect("the shipped networks load"),
+            robot,
+            robot_file: None,
+            options: rig_options(0.0, 1),
+            kind: Kind::Ours,
+            instruments: Instruments::default(),
+            baseline: None,
+            data: Some(data.to_owned()),
+            twins: Twins::default(),
+            ends: Arc::default(),
+            stall: None,
+        }
+    }
+
     #[test]
     fn a_damaged_active_version_gives_way_to_the_last_good_one_and_pictures_look_at_none() {
         let name = format!("springtwin-rigs-{}", std::process::id());
@@ -341,20 +359,7 @@ mod tests {
         };
         store.save(saved("first"), "2026-03-01").expect("saves");
         store.save(saved("second"), "2026-03-02").expect("saves");
-        let mut rigs = Rigs {
-            rig: "sim".into(),
-            maps: model::maps_for(&robot, DEFAULT_RIG, None).expect("the shipped networks load"),
-            robot,
-            robot_file: None,
-            options: rig_options(0.0, 1),
-            kind: Kind::Ours,
-            instruments: Instruments::default(),
-            baseline: None,
-            data: Some(data.clone()),
-            twins: Twins::default(),
-            ends: Arc::default(),
-            stall: None,
-        };
+        let mut rigs = rigs_on("sim", robot, &data);
         let in_use = |rigs: &Rigs| rigs.belongings("sim").expect("starts").0.in_use.name;
         assert_eq!(in_use(&rigs), "second");
         let files = store.active().expect("reads").expect("is there");
@@ -385,20 +390,7 @@ mod tests {
         let files = store.active().expect("reads").expect("is there");
         let list = files.calibration.with_file_name("versions.toml");
         std::fs::write(&list, "format = 9\n").expect("writes");
-        let mut rigs = Rigs {
-            rig: "/dev/ttyUSB0".into(),
-            maps: model::maps_for(&robot, DEFAULT_RIG, None).expect("the shipped networks load"),
-            robot,
-            robot_file: None,
-            options: rig_options(0.0, 1),
-            kind: Kind::Ours,
-            instruments: Instruments::default(),
-            baseline: None,
-            data: Some(data.clone()),
-            twins: Twins::default(),
-            ends: Arc::default(),
-            stall: None,
-        };
+        let mut rigs = rigs_on("/dev/ttyUSB0", robot, &data);
         rigs.instruments.accept_virtual_calibration = true;
         let (_, instruments, trouble) = rigs.with_active("/dev/ttyUSB0");
         assert!(instruments.calibration.is_none() && instruments.accept_virtual_calibration);
@@ -422,20 +414,7 @@ mod tests {
         let name = format!("springtwin-rigs-baseline-{}", std::process::id());
         let data = std::env::temp_dir().join(name);
         let robot = RobotSpec::reference();
-        let fresh = Rigs {
-            rig: DEFAULT_RIG.into(),
-            maps: model::maps_for(&robot, DEFAULT_RIG, None).expect("the shipped networks load"),
-            robot,
-            robot_file: None,
-            options: rig_options(0.0, 1),
-            kind: Kind::Ours,
-            instruments: Instruments::default(),
-            baseline: None,
-            data: Some(data.clone()),
-            twins: Twins::default(),
-            ends: Arc::default(),
-            stall: None,
-        };
+        let fresh = rigs_on(DEFAULT_RIG, robot, &data);
         let watched = |rigs: &Rigs, rig: &str| rigs.watch(rig).expect("reads").is_some();
         assert!(watched(&fresh, "sim") && watched(&fresh, "pty"));
         assert!(!watched(&fresh, "/dev/ttyUSB0"));

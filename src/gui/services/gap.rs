@@ -76,8 +76,17 @@ pub struct SessionSheet {
     pub robot: RobotMatch,
     /// Whether its data were simulated; `None` if it is not recorded.
     pub simulated: Option<bool>,
-    /// Age of a baseline that was kept, days, NaN for one that ships with the program; `None` for a session. A baseline has no length.
-    pub kept_days: Option<f64>,
+    /// Since when there is a baseline, which has no length; `None` for a session.
+    pub kept: Option<Kept>,
+}
+
+/// Since when there is a baseline.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kept {
+    /// It ships with the program.
+    Shipped,
+    /// It was fitted so many days ago.
+    Days(f64),
 }
 
 /// What a session is chosen for.

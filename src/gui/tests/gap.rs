@@ -20,7 +20,7 @@ use crate::gap::{
 };
 use crate::gui::panels::gap::{Decision, Step};
 use crate::gui::services::gap::{
-    ExamplePair, GapServices, PatchedRobot, RobotMatch, SessionSheet, SheetGroup,
+    ExamplePair, GapServices, Kept, PatchedRobot, RobotMatch, SessionSheet, SheetGroup,
 };
 use crate::gui::services::{Dialog, Existing, Picked, Worker};
 use crate::lab::patch_history::PatchHistory;
@@ -120,7 +120,7 @@ pub(super) fn sheet(path: &Path) -> SessionSheet {
         ],
         robot: RobotMatch::Same,
         simulated: None,
-        kept_days: None,
+        kept: None,
     }
 }
 
@@ -198,9 +198,9 @@ pub(super) fn services(seen: &Rc<RefCell<Seen>>) -> Services {
         }),
         gap: GapServices {
             look: Box::new(|path| {
-                let kept_days = (path == Path::new(KEPT)).then_some(45.2);
+                let kept = (path == Path::new(KEPT)).then_some(Kept::Days(45.2));
                 Job::ready(Ok(SessionSheet {
-                    kept_days,
+                    kept,
                     ..sheet(path)
                 }))
             }),
@@ -308,7 +308,7 @@ fn a_baseline_is_kept_and_chosen_without_a_search_for_files() {
     h.get_by_label_contains("Rubber ages");
     h.state_mut().services.gap.look = Box::new(|path| {
         Job::ready(Ok(SessionSheet {
-            kept_days: Some(1.0),
+            kept: Some(Kept::Days(1.0)),
             ..sheet(path)
         }))
     });

@@ -31,7 +31,8 @@ impl Plan {
         Self::of(welcome, springtwin::signal::Mode::AtGoal)
     }
 
-    fn of(welcome: bool, mode: springtwin::signal::Mode) -> Self {
+    /// In this mode.
+    pub fn of(welcome: bool, mode: springtwin::signal::Mode) -> Self {
         use springtwin::gui::App;
         use springtwin::gui::screens::ScreenId;
         use springtwin::robot::RobotSpec;

@@ -252,7 +252,7 @@ fn a_baseline_is_kept_per_robot_and_read_like_a_session() {
     );
     let shown = sheet(&kept, &robot).expect("reads");
     assert_eq!(shown.name, "Baseline of monday");
-    assert!(shown.kept_days.is_some_and(|d| d < 0.1));
+    assert!(matches!(shown.kept, Some(Kept::Days(d)) if d < 0.1));
     assert!((shown.rate_hz - 25.0).abs() < 0.1, "{}", shown.rate_hz);
     let present: Vec<usize> = shown.groups.iter().map(|g| g.present).collect();
     assert_eq!(present, [1, 12, 4, 1]);

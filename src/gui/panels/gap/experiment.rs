@@ -31,7 +31,7 @@ impl GapState {
             return Err("The finder is running: wait, or cancel it.".into());
         }
         match self.select.slots[0].known() {
-            Some(sheet) if sheet.kept_days.is_some() => Ok(()),
+            Some(sheet) if sheet.kept.is_some() => Ok(()),
             _ => Err("Choose a baseline that was kept in the place of the healthy session: Keep as baseline.".into()),
         }
     }

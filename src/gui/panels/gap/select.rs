@@ -12,7 +12,7 @@ use crate::gui::panels::widgets::card;
 use crate::gui::panels::widgets::{
     badge, cell, cell_left, gated, heading, minutes, note, number, pane, status,
 };
-use crate::gui::services::gap::{Arm, Part, RobotMatch, SessionSheet};
+use crate::gui::services::gap::{Arm, Kept, Part, RobotMatch, SessionSheet};
 use crate::gui::services::{Dialog, DialogKind, Services};
 use crate::gui::theme::{Level, Palette};
 use crate::gui::view::View;
@@ -214,8 +214,8 @@ const OLD_DAYS: f64 = 30.0;
 
 /// The age of a baseline, or the way to make one of a session; true when it is to be made.
 fn kept(ui: &mut Ui, sheet: &SessionSheet, keeping: bool) -> bool {
-    match sheet.kept_days {
-        Some(days) if days > OLD_DAYS => {
+    match sheet.kept {
+        Some(Kept::Days(days)) if days > OLD_DAYS => {
             let old = "Rubber ages: commission the rig again when you can, and whenever it was taken apart.";
             status(ui, Level::Warning, old);
             false
@@ -238,13 +238,13 @@ fn kept(ui: &mut Ui, sheet: &SessionSheet, keeping: bool) -> bool {
     }
 }
 
-/// An age in days, in words.
-fn days(days: f64) -> String {
-    match days {
-        d if d.is_nan() => "with the program".to_owned(),
-        d if d < 1.0 => "today".to_owned(),
-        d if d < 2.0 => "a day ago".to_owned(),
-        d => format!("{} days ago", number(d.floor(), 0)),
+/// Since when there is a baseline, in words.
+fn age(kept: Kept) -> String {
+    match kept {
+        Kept::Shipped => "with the program".to_owned(),
+        Kept::Days(d) if d < 1.0 => "today".to_owned(),
+        Kept::Days(d) if d < 2.0 => "a day ago".to_owned(),
+        Kept::Days(d) => format!("{} days ago", number(d.floor(), 0)),
     }
 }
 
@@ -252,7 +252,7 @@ fn facts(ui: &mut Ui, sheet: &SessionSheet) {
     let p = *Palette::in_ui(ui);
     ui.horizontal(|ui| {
         ui.label(RichText::new(&sheet.name).strong());
-        if sheet.kept_days.is_none() {
+        if sheet.kept.is_none() {
             badge(ui, origin_name(sheet.simulated), p.raised, p.text)
                 .on_hover_text("Where the data come from");
         }
@@ -265,11 +265,11 @@ fn facts(ui: &mut Ui, sheet: &SessionSheet) {
             ui.add(egui::Label::new(text).wrap());
         });
     };
-    match sheet.kept_days {
-        Some(age) => row(
+    match sheet.kept {
+        Some(kept) => row(
             ui,
             "kept",
-            format!("{}, at {} Hz", days(age), number(sheet.rate_hz, 0)),
+            format!("{}, at {} Hz", age(kept), number(sheet.rate_hz, 0)),
         ),
         None => row(
             ui,

@@ -241,7 +241,7 @@ pub(super) fn trouble_with(part: Part, sheet: &SessionSheet) -> Option<Trouble> 
             "Choose a session of this robot, or start with --robot FILE.",
         ));
     }
-    if sheet.kept_days.is_some() {
+    if sheet.kept.is_some() {
         return (part == Part::Suspect).then(|| {
             Trouble::new(
                 "This is a baseline, the fit to a rig in order.".to_owned(),
