@@ -23,6 +23,7 @@ use springtwin::twin::{Command, Runner, SerialPort, TICK_S, run_in_real_time};
 
 #[cfg(feature = "gui")]
 mod tour;
+#[cfg(feature = "gui")]
 mod walk;
 #[cfg(feature = "gui")]
 mod window;
