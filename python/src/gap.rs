@@ -20,6 +20,7 @@ use springtwin::sim::patch::Acts;
 use crate::arrays::{flat, shaped};
 use crate::error::refused;
 use crate::interrupt::Watched;
+use crate::own::{self, OwnEffect};
 use crate::places::{all_free, free};
 use crate::robot::Robot;
 
@@ -56,6 +57,7 @@ pub struct Search {
     sessions: Vec<PathBuf>,
     prove: Vec<PathBuf>,
     table: Option<Vec<String>>,
+    own: Vec<Py<OwnEffect>>,
     seed: u64,
     without_cameras: bool,
     out: Option<PathBuf>,
@@ -69,8 +71,10 @@ impl Search {
         if let Some(out) = &self.out {
             all_free(out, names, self.overwrite)?;
         }
+        let mut table = table(self.table.as_deref())?;
+        table.extend(self.own.iter().map(|own| own.get().effect));
         Ok(search::Search {
-            table: table(self.table.as_deref())?,
+            table,
             baseline: self.baseline,
             sessions: self.sessions,
             prove: self.prove,
@@ -100,7 +104,7 @@ pub fn find<'py>(
         let json = found.json(&found.result.finding)?.to_string();
         Ok((json, found.result))
     };
-    let (json, found) = py.detach(work).map_err(|e| watched.or_raised(e))?;
+    let (json, found) = ended(py.detach(work), &watched)?;
     let series = traces(py, &found.finding.traces)?;
     Ok((json, found.patch.to_toml(), series))
 }
@@ -124,9 +128,15 @@ pub fn discover<'py>(
         let finding = serde_json::to_string(&done.result.found.finding)?;
         Ok((law, finding, done.result.found))
     };
-    let (law, finding, found) = py.detach(work).map_err(|e| watched.or_raised(e))?;
+    let (law, finding, found) = ended(py.detach(work), &watched)?;
     let series = traces(py, &found.finding.traces)?;
     Ok((law, finding, found.patch.to_toml(), series))
+}
+
+/// A result, unless an effect of the user has raised an exception meanwhile.
+fn ended<T>(result: Result<T>, watched: &Watched) -> PyResult<T> {
+    let result = result.map_err(|e| watched.or_raised(e))?;
+    own::raised().map_or(Ok(result), Err)
 }
 
 /// Series for pictures, a row per instant.

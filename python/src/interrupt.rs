@@ -23,6 +23,7 @@ impl Watched {
     /// The exception that ended the work in the place of the library's own error.
     pub fn or_raised(&self, error: impl Into<anyhow::Error>) -> PyErr {
         let raised = self.raised.lock().ok().and_then(|mut r| r.take());
+        let raised = raised.or_else(crate::own::raised);
         raised.unwrap_or_else(|| crate::error::refused(error))
     }
 }
@@ -36,6 +37,9 @@ impl Progress for Watched {
             }
             Ok(())
         });
+        if crate::own::has_raised() {
+            return Err(GapError::Stopped);
+        }
         seen.map_err(|e: PyErr| {
             if let Ok(mut raised) = self.raised.lock() {
                 raised.get_or_insert(e);

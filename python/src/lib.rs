@@ -9,6 +9,7 @@ mod arrays;
 mod error;
 mod gap;
 mod interrupt;
+mod own;
 mod places;
 mod rig;
 mod robot;
@@ -25,6 +26,7 @@ fn _springtwin(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<robot::Robot>()?;
     module.add_class::<rig::Rig>()?;
     module.add_class::<twin::Twin>()?;
+    module.add_class::<own::OwnEffect>()?;
     for function in [
         wrap_pyfunction!(rig::hidden_effects, module)?,
         wrap_pyfunction!(session::read_session, module)?,

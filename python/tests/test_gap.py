@@ -212,3 +212,38 @@ def test_errors_are_the_sentences_of_the_library(sessions: dict[str, Path], tmp_
         gap.find(None, sessions["suspect"], other)
     with pytest.raises(springtwin.Error, match="any_robot=True"):
         springtwin.estimate(sessions["healthy"], other)
+
+
+def scaled(
+    values: dict[str, float], channel: int, springs_m: np.ndarray, imus_ypr_rad: np.ndarray, **_: object
+) -> tuple[np.ndarray, np.ndarray]:
+    springs_m[:, channel] = values["gain"] * springs_m[:, channel]
+    return springs_m, imus_ypr_rad
+
+
+def test_an_effect_of_ones_own_is_found_where_the_table_lacks_it(sessions: dict[str, Path]) -> None:
+    gain = gap.OwnParameter("gain", "", 1.0, (0.8, 1.2), 1.03)
+    own = gap.OwnEffect("my-gain", scaled, acts_on="readings", of="spring", parameters=[gain])
+    with pytest.raises(springtwin.Error, match="'payload' already"):
+        gap.OwnEffect("payload", scaled, acts_on="readings", of="spring", parameters=[gain])
+    table = ["payload", "spring-drift"]
+    found = gap.find(sessions["healthy"], sessions["suspect"], table=table, own=[own])
+    assert found.verdict == "named"
+    assert [(e.id, e.target) for e in found.effects] == [("my-gain", 4)]
+    factor = found.effects[0].params["gain"]
+    assert factor.ci95 is not None
+    # 1.06, and 2 mm more at lengths of 100 to 200 mm.
+    assert 1.06 < factor.value < 1.09
+    # The program does not know it.
+    with pytest.raises(springtwin.Error, match="my-gain"):
+        patch.apply(found, Robot())
+
+
+def test_what_an_effect_of_ones_own_raises_ends_the_search(sessions: dict[str, Path]) -> None:
+    def broken(**_: object) -> None:
+        raise ZeroDivisionError("mine")
+
+    gain = gap.OwnParameter("gain", "", 1.0, (0.8, 1.2), 1.03)
+    own = gap.OwnEffect("broken", broken, acts_on="pressures", of="chamber", parameters=[gain])
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        gap.find(sessions["healthy"], sessions["suspect"], table=["payload"], own=[own])

@@ -35,6 +35,8 @@ class _Search(Protocol):
     @property
     def table(self) -> list[str] | None: ...
     @property
+    def own(self) -> list[OwnEffect]: ...
+    @property
     def seed(self) -> int: ...
     @property
     def without_cameras(self) -> bool: ...
@@ -100,6 +102,17 @@ class Twin:
         speed_m_s: float,
         laps: int,
     ) -> tuple[dict[str, Any], str]: ...
+
+class OwnEffect:
+    def __new__(
+        cls,
+        id: str,
+        doc: str,
+        acts_on: str,
+        of: str,
+        parameters: list[tuple[str, str, float, float, float, float]],
+        act: Callable[..., Any],
+    ) -> OwnEffect: ...
 
 def hidden_effects() -> str: ...
 def read_session(path: str) -> dict[str, Any]: ...

@@ -35,6 +35,8 @@ __all__ = [
     "Located",
     "Nearest",
     "Onset",
+    "OwnEffect",
+    "OwnParameter",
     "Parameter",
     "Ranked",
     "SeparateBy",
@@ -337,6 +339,63 @@ def effects() -> list[Effect]:
 
 
 @dataclass(frozen=True)
+class OwnParameter:
+    """A number of an effect of one's own."""
+
+    name: str
+    unit: str
+    """SI; empty for a ratio."""
+    nominal: float
+    """Its value without the effect."""
+    bounds: tuple[float, float]
+    start: float
+    """A usual value with the effect: where the search starts."""
+
+
+class OwnEffect:
+    """An effect that the table does not have, as a callable, for a first try with :func:`find`.
+
+    This is slow: the finder calls it thousands of times, one call at a time. A finding with it is complete, but its patch cannot be
+    applied: the program knows the effect only while the callable is there. What proves useful belongs in the library's table.
+
+    Parameters
+    ----------
+    id
+        Its name in the finding.
+    act
+        For readings ``act(t_s, values, channel, pressures_pa, springs_m, imus_ypr_rad) -> (springs_m, imus_ypr_rad)``, for pressures
+        ``act(t_s, values, channel, gauges_pa) -> pressures_pa``, called by keyword. Arrays have a row per instant: (n,), (n, 6), (n, 12),
+        (n, 4, 3). ``values`` are the parameters by name; ``channel`` is the index into the arrays, from 0, or ``None`` for the whole.
+        With nominal values it must change nothing.
+    acts_on
+        ``"readings"`` of springs and IMUs, or ``"pressures"`` between gauges and chambers.
+    of
+        The kind of channel that it sits on one of: ``"spring"``, ``"imu"``, ``"chamber"``, or ``"whole"``.
+    """
+
+    def __init__(
+        self,
+        id: str,
+        act: Callable[..., Any],
+        *,
+        acts_on: Literal["readings", "pressures"],
+        of: Literal["spring", "imu", "chamber", "whole"],
+        parameters: Sequence[OwnParameter],
+        doc: str = "",
+    ) -> None:
+        if acts_on not in ("readings", "pressures"):
+            raise _springtwin.Error(f"'{acts_on}' is nothing to act on: give 'readings' or 'pressures'")
+        if (of == "chamber") != (acts_on == "pressures") and of != "whole":
+            raise _springtwin.Error(f"an effect on {acts_on} does not sit on one {of}")
+        rows = [(p.name, p.unit, p.nominal, *p.bounds, p.start) for p in parameters]
+        self._own = _springtwin.OwnEffect(id, doc, acts_on, of, rows, act)
+        self.id = id
+
+    def __repr__(self) -> str:
+        return f"OwnEffect({self.id!r})"
+
+
+@dataclass(frozen=True)
 class _Search:
     """What a search reads and writes, as the extension reads it."""
 
@@ -344,6 +403,7 @@ class _Search:
     sessions: list[str]
     prove: list[str]
     table: list[str] | None
+    own: list[_springtwin.OwnEffect]
     seed: int
     without_cameras: bool
     out: str | None
@@ -382,6 +442,7 @@ def find(
     robot: Robot | None = None,
     *,
     table: Sequence[str] | None = None,
+    own: Sequence[OwnEffect] = (),
     prove: Sessions = (),
     seed: int = 1,
     without_cameras: bool = False,
@@ -402,6 +463,8 @@ def find(
         The robot; the reference robot without one.
     table
         Ids of the effects that are tried; all of :func:`effects` without it.
+    own
+        Effects of your own that are tried besides.
     prove
         Sessions that have no part in the finding, to test it on.
     without_cameras
@@ -412,7 +475,7 @@ def find(
         Label the report as simulated.
     """
     rig = (Robot() if robot is None else robot)._robot
-    with _searched(baseline, sessions, prove, table, seed, without_cameras, out, overwrite, simulated) as search:
+    with _searched(baseline, sessions, prove, table, own, seed, without_cameras, out, overwrite, simulated) as search:
         text, patch, series = _springtwin.find(rig, search, progress)
     return _finding(text, patch, series)
 
@@ -435,7 +498,7 @@ def discover(
     Arguments as for :func:`find`; ``out`` receives ``law.json`` and ``forces.csv``, too.
     """
     rig = (Robot() if robot is None else robot)._robot
-    with _searched(baseline, sessions, prove, table, seed, False, out, overwrite, simulated) as search:
+    with _searched(baseline, sessions, prove, table, (), seed, False, out, overwrite, simulated) as search:
         law, found, patch, series = _springtwin.discover(rig, search, progress)
     f = json.loads(law)
     finding = _finding(found, patch, series)
@@ -463,6 +526,7 @@ def _searched(
     sessions: Sessions,
     prove: Sessions,
     table: Sequence[str] | None,
+    own: Sequence[OwnEffect],
     seed: int,
     without_cameras: bool,
     out: Path | None,
@@ -486,6 +550,7 @@ def _searched(
             sessions=paths[first:second],
             prove=paths[second:],
             table=None if table is None else list(table),
+            own=[effect._own for effect in own],
             seed=seed,
             without_cameras=without_cameras,
             out=None if out is None else os.fspath(out),
