@@ -296,6 +296,7 @@ mod tests {
             cut: false,
             hash: String::new(),
             robot: String::new(),
+            corrected_by: None,
         }
     }
 

@@ -107,9 +107,10 @@ fn is_baseline(path: &Path) -> bool {
     read.is_ok() && start == gap::BASELINE_START.as_bytes()
 }
 
-/// A session log as the finder's input.
+/// A session log as the finder's input: readings as the sensors gave them, since the model of a patched robot has their errors.
 pub fn session_of(log: SessionLog) -> Session {
     Session {
+        sensors: log.uncorrected(),
         name: log.name,
         hash: log.hash,
         robot: log.robot,
@@ -118,7 +119,6 @@ pub fn session_of(log: SessionLog) -> Session {
         t_s: log.t_s,
         chamber_pa: log.chamber_pa,
         commanded_pa: log.commanded_pa,
-        sensors: log.sensors,
         captured: log.truth,
     }
 }
@@ -239,6 +239,38 @@ pub fn report_folder(data: &BTreeMap<String, String>, robot: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_finder_gets_readings_as_the_sensors_gave_them_through_every_file() {
+        let mut errors = crate::signal::SensorErrors::default();
+        errors.spring[3] = [1.0625, 0.5e-3];
+        let row = |length_m: f64| crate::signal::SensorVec {
+            spring_m: [length_m; crate::signal::SPRINGS],
+            imu_ypr_rad: Default::default(),
+        };
+        let log = SessionLog {
+            name: "patched".to_owned(),
+            rate_hz: 10.0,
+            t_s: vec![0.0, 0.1],
+            chamber_pa: vec![[0.0; 6]; 2],
+            sensors: vec![row(0.16), row(0.128)],
+            truth: vec![None; 2],
+            corrected_by: Some(errors),
+            ..SessionLog::default()
+        };
+        let id = std::process::id();
+        let folder = std::env::temp_dir().join(format!("springtwin-corrected-{id}"));
+        recording::write_session(&folder, &log).expect("writes");
+        let read = recording::read_log(&folder).expect("reads");
+        assert_eq!(read.corrected_by, log.corrected_by);
+        std::fs::remove_dir_all(&folder).expect("cleans up");
+        for log in [log, read] {
+            let lengths = session_of(log).sensors.into_iter().map(|s| s.spring_m);
+            for (got, [other, fourth]) in lengths.zip([[0.16, 0.1705], [0.128, 0.1365]]) {
+                assert!((got[2] - other).abs() < 1e-9 && (got[3] - fourth).abs() < 1e-9);
+            }
+        }
+    }
 
     #[test]
     fn a_report_has_a_folder_of_its_own_for_another_baseline_or_robot() {

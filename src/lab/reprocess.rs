@@ -14,7 +14,9 @@ use crate::recording::{
 };
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::signal::{Estimate, NewFrames, SensorFrame, SensorVec, Snapshot, Stamp, hex};
+use crate::signal::{
+    Estimate, NewFrames, SensorErrors, SensorFrame, SensorVec, Snapshot, Stamp, hex,
+};
 use crate::twin::{Maps, Reading};
 
 /// What a recording is computed with.
@@ -97,6 +99,7 @@ pub fn read_again(
     // A row that is not read again has no reading.
     let none = SensorVec::from_vector(&SVector::repeat(f64::NAN));
     log.sensors.fill(none);
+    log.corrected_by = corrected_by(robot, maps);
     let mut sensing = maps.sensing(robot, calibration);
     let (mut frames, mut any, mut row) = (NewFrames::default(), false, 0);
     each_snapshot(path, 0, &mut |snapshot| {
@@ -119,6 +122,10 @@ pub fn read_again(
     Ok(log)
 }
 
+fn corrected_by(robot: &RobotSpec, maps: &Maps) -> Option<SensorErrors> {
+    Some(maps.corrected_by(robot)).filter(|errors| !errors.is_none())
+}
+
 /// The new recording as a whole; its identity follows from what it is made of.
 fn meta(old: &RecordingMeta, calibration: &str, means: &Means<'_>) -> RecordingMeta {
     let program = env!("CARGO_PKG_VERSION");
@@ -135,6 +142,7 @@ fn meta(old: &RecordingMeta, calibration: &str, means: &Means<'_>) -> RecordingM
         robot: means.robot.name.clone(),
         robot_hash: means.robot.hash.clone(),
         calibration: calibration.to_owned(),
+        corrected_by: corrected_by(means.robot, means.maps),
         networks: means.maps.networks.clone(),
         program: program.to_owned(),
         derived_from: format!(

@@ -94,6 +94,7 @@ mod tests {
 
     use super::*;
     use crate::drive::{TwinBuilder, rig_options};
+    use crate::gap::Patch;
     use crate::lab::gap_files;
     use crate::lab::session::{Drive, Excitation};
     use crate::rig::hidden::Hidden;
@@ -186,16 +187,15 @@ mod tests {
     }
 
     /// The verdicts on a rig with this hidden in it, which rests for 25 s and is then moved.
-    fn watched(hidden: Vec<Hidden>) -> Vec<Disagreement> {
-        let robot = RobotSpec::reference();
+    fn watched(robot: &RobotSpec, hidden: Vec<Hidden>) -> Vec<Disagreement> {
         let mut options = rig_options(0.0, 7);
         options.hidden = hidden;
         let calibration = Calibration::virtual_rig();
-        let watch = watch(&robot, &options, &calibration).expect("reads");
-        let twin = TwinBuilder::new(&robot).rig("sim", options).watch(watch);
+        let watch = watch(robot, &options, &calibration).expect("reads");
+        let twin = TwinBuilder::new(robot).rig("sim", options).watch(watch);
         let mut driver = twin.build().expect("a rig");
         let mut seen: Vec<Disagreement> = Vec::new();
-        let programme = Drive::new(Excitation::Mixed, &robot, 9, 45.0)
+        let programme = Drive::new(Excitation::Mixed, robot, 9, 45.0)
             .programme()
             .clone();
         let mut ticks = 0;
@@ -224,15 +224,35 @@ mod tests {
 
     #[test]
     fn a_fresh_start_agrees_and_a_hidden_effect_disagrees_with_the_same_baseline() {
-        let seen = watched(Vec::new());
+        let robot = RobotSpec::reference();
+        let seen = watched(&robot, Vec::new());
         assert!(seen.len() > 50, "{}", seen.len());
         assert!(seen[0].t_s < 16.0, "{}", seen[0].t_s);
         let worst = seen.iter().map(|d| d.ratio).fold(0.0, f64::max);
         assert!(worst < 1.0, "{worst}");
         let load = Hidden::new("payload", None, &[0.5, 0.0]).expect("can be hidden");
-        let seen = watched(vec![load]);
+        let seen = watched(&robot, vec![load]);
         let last = seen.last().expect("verdicts");
         assert!(last.is_off(), "{last:?}");
+    }
+
+    /// Its readings are corrected by the patch, and the model has the error, too: it must not count twice.
+    #[test]
+    fn a_sensor_error_that_is_patched_disagrees_no_longer() {
+        let robot = RobotSpec::reference();
+        let wrong = Hidden::new("spring-calibration", Some(3), &[1.06, 2e-3]);
+        let hidden = vec![wrong.expect("can be hidden")];
+        let before = watched(&robot, hidden.clone());
+        assert!(before.last().expect("verdicts").is_off());
+        let patch = format!(
+            "version = 1\nname = \"spring 4\"\nrobot = \"{}\"\n[[effects]]\nid = \"spring-calibration\"\ntarget = 4\n\
+             [effects.params]\ngain = {{ value = 1.06, unit = \"\" }}\noffset = {{ value = 0.002, unit = \"m\" }}\n",
+            robot.hash
+        );
+        let patch = Patch::from_toml(&patch).expect("reads");
+        let after = watched(&robot.patched(patch), hidden);
+        let worst = after.iter().map(|d| d.ratio).fold(0.0, f64::max);
+        assert!(after.len() > 50 && worst < 1.0, "{} {worst}", after.len());
     }
 
     #[test]

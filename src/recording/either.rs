@@ -94,6 +94,7 @@ pub fn read_log(path: &Path) -> Result<SessionLog, RecordingError> {
     log.rate_hz = median_step_s(&log.t_s).map_or(0.0, |dt_s| 1.0 / dt_s);
     log.hash = file_sha256(path)?;
     log.robot = file.meta().robot_hash.clone();
+    log.corrected_by = file.meta().corrected_by.clone();
     Ok(log)
 }
 

@@ -5,7 +5,7 @@ use std::path::{Component, Path};
 use serde::{Deserialize, Serialize};
 
 use super::{RecordingError, SizeLimit};
-use crate::signal::toml_error;
+use crate::signal::{SensorErrors, toml_error};
 
 /// `session.toml`.
 #[derive(Debug, Serialize, Deserialize)]
@@ -23,6 +23,9 @@ pub struct SessionFile {
     /// Hash of the robot file it was recorded with; empty when unknown.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub robot: String,
+    /// Sensor errors of the robot's patches by which the readings were corrected; none when missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrected_by: Option<SensorErrors>,
 }
 
 /// Default name of the table.

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use crate::signal::{CHAMBERS, Stamp, Trace};
+use crate::signal::{CHAMBERS, SensorErrors, Stamp, Trace};
 
 /// Properties of a recorded session as a whole.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,6 +25,8 @@ pub struct RecordingMeta {
     pub begun: String,
     /// Text of the calibration file that the sensors were read by (TOML); empty when unknown.
     pub calibration: String,
+    /// Sensor errors of the robot's patches by which the readings were corrected; `None` for none.
+    pub corrected_by: Option<SensorErrors>,
     /// Text of the registration of motion capture (TOML); empty without one.
     pub registration: String,
     /// SHA-256 of the networks' file, hexadecimal; empty when unknown.

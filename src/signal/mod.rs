@@ -22,6 +22,7 @@ mod notes;
 mod pose;
 mod quality;
 mod random;
+mod sensor_errors;
 mod shape;
 mod snapshot;
 mod syntax;
@@ -49,6 +50,7 @@ pub use quality::{
     percent, suspect_text,
 };
 pub use random::stream;
+pub use sensor_errors::SensorErrors;
 pub use shape::{ArmShape, MeshShape, Simulator, Skin};
 pub use snapshot::{
     ArmingCheck, ClockFit, Estimate, FAR_DISTANCE, GroundTruth, HostDelay, LinkStatus, Mode,

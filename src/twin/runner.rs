@@ -65,7 +65,8 @@ impl Runner {
     }
 
     /// Compares the arm with its commissioned twin from now on.
-    pub fn watch(&mut self, watch: Watch) {
+    pub fn watch(&mut self, mut watch: Watch) {
+        watch.corrected_by(self.twin.corrected_by());
         self.watch = Some(watch);
     }
 
@@ -406,6 +407,7 @@ fn session(
         begun: String::new(),
         // Without it a recording is still one.
         calibration: twin.calibration().to_toml().unwrap_or_default(),
+        corrected_by: Some(twin.corrected_by()).filter(|errors| !errors.is_none()),
         registration: registration.to_owned(),
         networks: twin.networks().to_owned(),
         firmware: firmware(known),

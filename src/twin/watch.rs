@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use super::command::Event;
 use crate::gap::{Commissioned, GapError, Measured, Monitor};
 use crate::robot::RobotSpec;
-use crate::signal::{Disagreement, Snapshot, Stamp};
+use crate::signal::{Disagreement, SensorErrors, Snapshot, Stamp};
 
 /// Frames that wait for the thread at most: a few seconds' worth. Where it does not keep up, the monitor begins again.
 const WAITING: usize = 500;
@@ -19,6 +19,8 @@ const AGREE: f64 = 0.8;
 /// A monitor of the live arm.
 pub struct Watch {
     place: Place,
+    /// By which the readings of the twin are corrected: the model has these errors.
+    corrected_by: SensorErrors,
     /// The newest frame that it has taken.
     taken: Option<Stamp>,
     newest: Option<Disagreement>,
@@ -83,12 +85,18 @@ impl Watch {
         let monitor = Monitor::new(robot, &rig)?;
         Ok(Self {
             place: Place::Here(Box::new(Judge { monitor, rig })),
+            corrected_by: SensorErrors::default(),
             taken: None,
             newest: None,
             reported: false,
             outdated: None,
             wanted: None,
         })
+    }
+
+    /// The readings of the twin are corrected by these errors.
+    pub(super) fn corrected_by(&mut self, errors: SensorErrors) {
+        self.corrected_by = errors;
     }
 
     /// Compares the arm with the model of this robot from now on; it judges again once that has settled.
@@ -167,7 +175,7 @@ impl Watch {
             let measured = Measured {
                 t_s: frame.stamp.seconds(),
                 chamber_pa: frame.chamber_pa,
-                sensors: frame.measured(),
+                sensors: self.corrected_by.read(&frame.measured()),
                 payload_kg: snapshot.payload_kg,
             };
             match &mut self.place {
@@ -219,6 +227,7 @@ mod tests {
         let (finds, found) = sync_channel(8);
         let mut watch = Watch {
             place: Place::Beside { given, found },
+            corrected_by: SensorErrors::default(),
             taken: None,
             newest: None,
             reported: false,
@@ -264,6 +273,7 @@ mod tests {
         let (finds, found) = sync_channel(8);
         let mut watch = Watch {
             place: Place::Beside { given, found },
+            corrected_by: SensorErrors::default(),
             taken: Some(Stamp::from_seconds(60.0)),
             newest: None,
             reported: true,

@@ -56,5 +56,6 @@ pub fn session_log(s: Session, robot: &RobotSpec) -> SessionLog {
         cut: false,
         hash: String::new(),
         robot: robot.hash.clone(),
+        corrected_by: None,
     }
 }

@@ -3,7 +3,7 @@
 use crate::recording::Selection;
 use crate::signal::{
     CHAMBERS, ChannelHealth, GroundTruth, Health, IMUS, PAIR_S, Pose, Quality, SIGNALS, SPRINGS,
-    SensorFrame, SensorVec, Snapshot, Stamp, Trace, TruthSource, pose_between,
+    SensorErrors, SensorFrame, SensorVec, Snapshot, Stamp, Trace, TruthSource, pose_between,
 };
 
 /// A session log in memory: columns of equal length, SI units.
@@ -33,9 +33,19 @@ pub struct SessionLog {
     pub hash: String,
     /// Hash of the robot file it was recorded with; empty when unknown.
     pub robot: String,
+    /// Sensor errors of the robot's patches by which the readings were corrected; `None` for none.
+    pub corrected_by: Option<SensorErrors>,
 }
 
 impl SessionLog {
+    /// Springs and IMUs as they would read without a correction of their errors, a row per sample.
+    pub fn uncorrected(&self) -> Vec<SensorVec> {
+        match &self.corrected_by {
+            Some(errors) => self.sensors.iter().map(|s| errors.read(s)).collect(),
+            None => self.sensors.clone(),
+        }
+    }
+
     /// Number of samples.
     pub fn len(&self) -> usize {
         self.t_s.len()

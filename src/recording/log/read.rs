@@ -90,6 +90,7 @@ pub(crate) fn read_within(
             rate_hz: f64::NAN,
             payload_kg: 0.0,
             robot: String::new(),
+            corrected_by: None,
         };
         (session, path.to_owned())
     } else {

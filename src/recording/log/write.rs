@@ -28,6 +28,7 @@ pub fn write_session(dir: &Path, log: &SessionLog) -> Result<(), RecordingError>
         rate_hz: log.rate_hz,
         payload_kg: log.payload_kg,
         robot: log.robot.clone(),
+        corrected_by: log.corrected_by.clone(),
     };
     let text = toml::to_string(&session).map_err(|e| RecordingError::Session {
         path: dir.join("session.toml"),

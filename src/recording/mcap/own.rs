@@ -151,6 +151,9 @@ fn session(read: &Collected, about: &BTreeMap<String, String>) -> SessionLog {
         payload_column_kg: changes.then_some(payloads_kg),
         cut: read.end == End::Cut,
         robot: about.get("robot_hash").cloned().unwrap_or_default(),
+        corrected_by: about
+            .get("corrected_by")
+            .and_then(|text| serde_json::from_str(text).ok()),
         t_s,
         ..SessionLog::default()
     }

@@ -18,7 +18,7 @@ use crate::recording::{
 };
 use crate::signal::{
     CHAMBERS, ChannelHealth, Estimate, GroundTruth, Health, IMUS, ImuRaw, NewFrames, Pose, SPRINGS,
-    Snapshot, Stamp, TruthSource, pose_from_ypr, spring_name,
+    SensorErrors, Snapshot, Stamp, TruthSource, pose_from_ypr, spring_name,
 };
 
 /// Standard gravity, m/s²: a payload's weight is this times its mass.
@@ -165,6 +165,7 @@ fn about_session(log: &SessionLog) -> BTreeMap<String, String> {
         ("simulated", "unknown"),
     ]);
     about.insert("rate_hz".to_owned(), log.rate_hz.to_string());
+    about.extend(corrected_by(log.corrected_by.as_ref()));
     about.insert("payload_kg".to_owned(), log.payload_kg.to_string());
     about
 }
@@ -194,7 +195,14 @@ fn about_recording(meta: &RecordingMeta) -> BTreeMap<String, String> {
         ("poses", Poses::AtOwnTimes.name()),
     ]);
     about.insert("payload_kg".to_owned(), meta.payload_kg.to_string());
+    about.extend(corrected_by(meta.corrected_by.as_ref()));
     about
+}
+
+/// By which sensor errors the readings were corrected, as a pair of name and text.
+fn corrected_by(errors: Option<&SensorErrors>) -> Option<(String, String)> {
+    let text = serde_json::to_string(errors?).ok()?;
+    Some(("corrected_by".to_owned(), text))
 }
 
 /// Texts by their names, without those that are empty.

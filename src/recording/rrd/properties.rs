@@ -8,6 +8,7 @@ use rerun::log::Chunk;
 
 use super::schema;
 use crate::recording::{RecordingError, RecordingMeta};
+use crate::signal::SensorErrors;
 
 /// Name of the operator's note.
 pub(super) const NOTE: &str = "note";
@@ -92,6 +93,7 @@ impl Properties {
             payload_kg: self.text("payload_kg").parse().unwrap_or(0.0),
             begun: self.text("begun"),
             calibration: self.text("calibration"),
+            corrected_by: serde_json::from_str(&self.text("corrected_by")).ok(),
             registration: self.text("registration"),
             networks: self.text("networks"),
             firmware: self.text("firmware"),
@@ -132,6 +134,7 @@ impl Properties {
             ("payload_kg", meta.payload_kg.to_string()),
             ("begun", meta.begun.clone()),
             ("calibration", meta.calibration.clone()),
+            ("corrected_by", corrected_by(meta.corrected_by.as_ref())),
             ("registration", meta.registration.clone()),
             ("networks", meta.networks.clone()),
             ("firmware", meta.firmware.clone()),
@@ -141,4 +144,10 @@ impl Properties {
             ("derived_from", meta.derived_from.clone()),
         ]
     }
+}
+
+/// Sensor errors as text; empty for none.
+fn corrected_by(errors: Option<&SensorErrors>) -> String {
+    let text = errors.map(serde_json::to_string).and_then(Result::ok);
+    text.unwrap_or_default()
 }

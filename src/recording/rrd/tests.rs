@@ -26,6 +26,11 @@ fn meta() -> RecordingMeta {
         payload_kg: 0.1,
         begun: "2026-11-23T14:05:12+01:00".into(),
         calibration: "name = \"arm 7\"\n".into(),
+        corrected_by: Some({
+            let mut errors = SensorErrors::default();
+            errors.spring[3] = [1.0625, 0.25e-3];
+            errors
+        }),
         program: env!("CARGO_PKG_VERSION").into(),
         id: "one".into(),
         registration: "scale = 1\n".into(),

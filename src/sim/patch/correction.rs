@@ -7,7 +7,8 @@ use super::file::{PatchError, possible};
 use super::parameters::{calibration_parameters, geometry, nominal, parameters, shifted};
 use super::readings::readings;
 use crate::robot::RobotSpec;
-use crate::signal::{IMUS, SPRINGS};
+use crate::signal::IMUS;
+pub use crate::signal::SensorErrors;
 use crate::sim::effects::{self, Active};
 use crate::sim::{Model, Parameters, Resolution};
 
@@ -126,15 +127,7 @@ impl Model {
     }
 }
 
-/// Constant errors of the sensors that patches describe.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SensorErrors {
-    /// Gain g and offset o (m) of each spring: it reads g l + o.
-    pub spring: [[f64; 2]; SPRINGS],
-    /// Turn δ of each IMU on its pad: it reads R exp(δ) where the pad stands at R (base from pad).
-    pub imu: [UnitQuaternion<f64>; IMUS],
-}
-
+/// Those that patches describe.
 impl SensorErrors {
     /// Those of a robot's patches.
     pub fn of(robot: &RobotSpec) -> Self {
@@ -151,10 +144,7 @@ impl SensorErrors {
     }
 
     fn acting(robot: &RobotSpec, all: &[Active]) -> Self {
-        let mut out = Self {
-            spring: [[1.0, 0.0]; SPRINGS],
-            imu: [UnitQuaternion::identity(); IMUS],
-        };
+        let mut out = Self::default();
         for a in all {
             let hits = |i: usize| a.target.is_none_or(|t| t == i);
             let line = match a.effect.id {
@@ -182,10 +172,5 @@ impl SensorErrors {
             }
         }
         out
-    }
-
-    /// Spring readings at these lengths, both in the order of the springs, m.
-    pub fn read_springs(&self, spring_m: &[f64; SPRINGS]) -> [f64; SPRINGS] {
-        std::array::from_fn(|i| self.spring[i][0] * spring_m[i] + self.spring[i][1])
     }
 }
