@@ -123,6 +123,7 @@ pub(crate) fn read_within(
     log.name = session.name;
     log.payload_kg = session.payload_kg;
     log.robot = session.robot;
+    log.corrected_by = session.corrected_by;
     let median_s = median_step_s(&log.t_s);
     if session.rate_hz.is_finite() {
         log.rate_hz = session.rate_hz;
