@@ -104,15 +104,15 @@ class Twin:
     ) -> tuple[dict[str, Any], str]: ...
 
 class OwnEffect:
-    def __new__(
-        cls,
+    def __init__(
+        self,
         id: str,
         doc: str,
         acts_on: str,
         of: str,
         parameters: list[tuple[str, str, float, float, float, float]],
         act: Callable[..., Any],
-    ) -> OwnEffect: ...
+    ) -> None: ...
 
 def hidden_effects() -> str: ...
 def read_session(path: str) -> dict[str, Any]: ...
