@@ -248,6 +248,7 @@ fn reached_disk(
     let from = frames.messages.partition_point(|p| p.end() <= unsynced);
     for (n, place) in frames.messages.iter().enumerate().skip(from) {
         match reader.table(*place) {
+            Ok(_) if reader.is_on_empty_page(*place)? => return Ok(n),
             Ok(_) => {}
             Err(RecordingError::Corrupt { .. }) => return Ok(n),
             Err(e) => return Err(e),

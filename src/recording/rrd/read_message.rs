@@ -12,6 +12,11 @@ use rerun::log::{Chunk, LogMsg};
 use super::frames::{self, HEADER_BYTES, Place};
 use crate::recording::RecordingError;
 
+/// What reaches the disk as a whole, bytes.
+const PAGE_BYTES: u64 = 4096;
+/// Fewer zeros at the end of a file may be those of a message, bytes.
+const SHORTEST: usize = 64;
+
 /// Reads messages from a file that it keeps open.
 pub(super) struct MessageReader<'a> {
     path: &'a Path,
@@ -66,6 +71,22 @@ impl<'a> MessageReader<'a> {
             Ok(Err(e)) => Err(fail(format!("the record cannot be read ({e})"))),
             Err(_) => Err(fail("the record is damaged".to_owned())),
         }
+    }
+
+    /// Whether a page that the message at a place lies on is empty, as one is that did not reach the disk. Within long stretches of
+    /// numbers its zeros would be read as such; what was written never fills a page with them, since messages are compressed.
+    pub(super) fn is_on_empty_page(&mut self, place: Place) -> Result<bool, RecordingError> {
+        let (from, to) = (
+            place.offset - place.offset % PAGE_BYTES,
+            place.end().next_multiple_of(PAGE_BYTES),
+        );
+        let mut pages = Vec::new();
+        self.file
+            .seek(SeekFrom::Start(from))
+            .and_then(|_| (&self.file).take(to - from).read_to_end(&mut pages))
+            .map_err(RecordingError::io(self.path, "read"))?;
+        let is_empty = |page: &[u8]| page.len() >= SHORTEST && page.iter().all(|b| *b == 0);
+        Ok(pages.chunks(PAGE_BYTES as usize).any(is_empty))
     }
 
     /// The table at a place, of a recording; `None` for anything else.
