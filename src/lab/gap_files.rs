@@ -109,8 +109,8 @@ fn is_baseline(path: &Path) -> bool {
 
 /// A session log as the finder's input: readings as the sensors gave them, since the model of a patched robot has their errors.
 pub fn session_of(log: SessionLog) -> Session {
+    let log = log.uncorrected();
     Session {
-        sensors: log.uncorrected(),
         name: log.name,
         hash: log.hash,
         robot: log.robot,
@@ -119,6 +119,7 @@ pub fn session_of(log: SessionLog) -> Session {
         t_s: log.t_s,
         chamber_pa: log.chamber_pa,
         commanded_pa: log.commanded_pa,
+        sensors: log.sensors,
         captured: log.truth,
     }
 }

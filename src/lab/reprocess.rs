@@ -14,9 +14,7 @@ use crate::recording::{
 };
 use crate::robot::RobotSpec;
 use crate::sensing::Calibration;
-use crate::signal::{
-    Estimate, NewFrames, SensorErrors, SensorFrame, SensorVec, Snapshot, Stamp, hex,
-};
+use crate::signal::{Estimate, NewFrames, SensorFrame, SensorVec, Snapshot, Stamp, hex};
 use crate::twin::{Maps, Reading};
 
 /// What a recording is computed with.
@@ -99,7 +97,7 @@ pub fn read_again(
     // A row that is not read again has no reading.
     let none = SensorVec::from_vector(&SVector::repeat(f64::NAN));
     log.sensors.fill(none);
-    log.corrected_by = corrected_by(robot, maps);
+    log.corrected_by = maps.corrected_by(robot).stated();
     let mut sensing = maps.sensing(robot, calibration);
     let (mut frames, mut any, mut row) = (NewFrames::default(), false, 0);
     each_snapshot(path, 0, &mut |snapshot| {
@@ -122,10 +120,6 @@ pub fn read_again(
     Ok(log)
 }
 
-fn corrected_by(robot: &RobotSpec, maps: &Maps) -> Option<SensorErrors> {
-    Some(maps.corrected_by(robot)).filter(|errors| !errors.is_none())
-}
-
 /// The new recording as a whole; its identity follows from what it is made of.
 fn meta(old: &RecordingMeta, calibration: &str, means: &Means<'_>) -> RecordingMeta {
     let program = env!("CARGO_PKG_VERSION");
@@ -142,7 +136,7 @@ fn meta(old: &RecordingMeta, calibration: &str, means: &Means<'_>) -> RecordingM
         robot: means.robot.name.clone(),
         robot_hash: means.robot.hash.clone(),
         calibration: calibration.to_owned(),
-        corrected_by: corrected_by(means.robot, means.maps),
+        corrected_by: means.maps.corrected_by(means.robot).stated(),
         networks: means.maps.networks.clone(),
         program: program.to_owned(),
         derived_from: format!(

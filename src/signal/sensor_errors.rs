@@ -56,9 +56,19 @@ impl Default for SensorErrors {
 }
 
 impl SensorErrors {
-    /// Whether there is none.
-    pub fn is_none(&self) -> bool {
-        *self == Self::default()
+    /// These, unless there is none.
+    pub fn stated(self) -> Option<Self> {
+        (self != Self::default()).then_some(self)
+    }
+
+    /// As text for files that keep texts.
+    pub fn text(&self) -> Option<String> {
+        serde_json::to_string(self).ok()
+    }
+
+    /// From [`Self::text`]; `None` for anything else.
+    pub fn from_text(text: &str) -> Option<Self> {
+        serde_json::from_str(text).ok()
     }
 
     /// Spring readings at these lengths, both in the order of the springs, m.
@@ -91,7 +101,7 @@ mod tests {
     #[test]
     fn a_gain_an_offset_and_a_turn_are_read_and_come_back_from_text() {
         let mut errors = SensorErrors::default();
-        assert!(errors.is_none());
+        assert_eq!(errors.clone().stated(), None);
         errors.spring[3] = [1.06, 2e-3];
         errors.imu[1] = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.1);
         let right = SensorVec {
@@ -102,8 +112,8 @@ mod tests {
         assert!((read.spring_m[3] - 0.161).abs() < 1e-12 && read.spring_m[4] == 0.15);
         assert!((read.imu_ypr_rad[1][0] - 0.3).abs() < 1e-12);
         assert!((read.imu_ypr_rad[2][0] - 0.2).abs() < 1e-12);
-        let text = serde_json::to_string(&errors).expect("serialises");
-        let back: SensorErrors = serde_json::from_str(&text).expect("reads");
+        let text = errors.text().expect("serialises");
+        let back = SensorErrors::from_text(&text).expect("reads");
         assert_eq!(back.spring, errors.spring);
         assert!(back.imu[1].angle_to(&errors.imu[1]) < 1e-12);
     }

@@ -407,7 +407,7 @@ fn session(
         begun: String::new(),
         // Without it a recording is still one.
         calibration: twin.calibration().to_toml().unwrap_or_default(),
-        corrected_by: Some(twin.corrected_by()).filter(|errors| !errors.is_none()),
+        corrected_by: twin.corrected_by().stated(),
         registration: registration.to_owned(),
         networks: twin.networks().to_owned(),
         firmware: firmware(known),

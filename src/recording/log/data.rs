@@ -38,12 +38,12 @@ pub struct SessionLog {
 }
 
 impl SessionLog {
-    /// Springs and IMUs as they would read without a correction of their errors, a row per sample.
-    pub fn uncorrected(&self) -> Vec<SensorVec> {
-        match &self.corrected_by {
-            Some(errors) => self.sensors.iter().map(|s| errors.read(s)).collect(),
-            None => self.sensors.clone(),
+    /// With springs and IMUs as they would read without a correction of their errors.
+    pub fn uncorrected(mut self) -> Self {
+        if let Some(errors) = self.corrected_by.take() {
+            self.sensors.iter_mut().for_each(|s| *s = errors.read(s));
         }
+        self
     }
 
     /// Number of samples.

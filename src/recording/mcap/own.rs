@@ -14,8 +14,8 @@ use super::{
 use crate::recording::log::median_step_s;
 use crate::recording::{RecordingError, SessionLog, SizeLimit, file_sha256};
 use crate::signal::{
-    CHAMBERS, Delivered, GroundTruth, Health, IMUS, Pose, Quality, SIGNALS, SPRINGS, SensorFrame,
-    SensorVec, Snapshot, Stamp, Trace, TruthSource, spring_name, ypr_from_rotation,
+    CHAMBERS, Delivered, GroundTruth, Health, IMUS, Pose, Quality, SIGNALS, SPRINGS, SensorErrors,
+    SensorFrame, SensorVec, Snapshot, Stamp, Trace, TruthSource, spring_name, ypr_from_rotation,
 };
 
 /// Rows that are completed with poses at once.
@@ -153,7 +153,7 @@ fn session(read: &Collected, about: &BTreeMap<String, String>) -> SessionLog {
         robot: about.get("robot_hash").cloned().unwrap_or_default(),
         corrected_by: about
             .get("corrected_by")
-            .and_then(|text| serde_json::from_str(text).ok()),
+            .and_then(|text| SensorErrors::from_text(text)),
         t_s,
         ..SessionLog::default()
     }

@@ -201,8 +201,7 @@ fn about_recording(meta: &RecordingMeta) -> BTreeMap<String, String> {
 
 /// By which sensor errors the readings were corrected, as a pair of name and text.
 fn corrected_by(errors: Option<&SensorErrors>) -> Option<(String, String)> {
-    let text = serde_json::to_string(errors?).ok()?;
-    Some(("corrected_by".to_owned(), text))
+    Some(("corrected_by".to_owned(), errors?.text()?))
 }
 
 /// Texts by their names, without those that are empty.

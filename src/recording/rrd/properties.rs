@@ -93,7 +93,7 @@ impl Properties {
             payload_kg: self.text("payload_kg").parse().unwrap_or(0.0),
             begun: self.text("begun"),
             calibration: self.text("calibration"),
-            corrected_by: serde_json::from_str(&self.text("corrected_by")).ok(),
+            corrected_by: SensorErrors::from_text(&self.text("corrected_by")),
             registration: self.text("registration"),
             networks: self.text("networks"),
             firmware: self.text("firmware"),
@@ -122,6 +122,7 @@ impl Properties {
             Some(false) => "false",
             None => "unknown",
         };
+        let corrected_by = meta.corrected_by.as_ref().and_then(SensorErrors::text);
         vec![
             ("schema", schema::SCHEMA_VERSION.to_string()),
             ("id", meta.id.clone()),
@@ -134,7 +135,7 @@ impl Properties {
             ("payload_kg", meta.payload_kg.to_string()),
             ("begun", meta.begun.clone()),
             ("calibration", meta.calibration.clone()),
-            ("corrected_by", corrected_by(meta.corrected_by.as_ref())),
+            ("corrected_by", corrected_by.unwrap_or_default()),
             ("registration", meta.registration.clone()),
             ("networks", meta.networks.clone()),
             ("firmware", meta.firmware.clone()),
@@ -144,10 +145,4 @@ impl Properties {
             ("derived_from", meta.derived_from.clone()),
         ]
     }
-}
-
-/// Sensor errors as text; empty for none.
-fn corrected_by(errors: Option<&SensorErrors>) -> String {
-    let text = errors.map(serde_json::to_string).and_then(Result::ok);
-    text.unwrap_or_default()
 }
