@@ -52,12 +52,16 @@ fn ask<const K: usize>(
         return;
     }
     let asked = Python::attach(|py| -> PyResult<()> {
-        let own = OWN[K].read().unwrap_or_else(PoisonError::into_inner);
-        let Some(own) = own.as_ref() else {
+        // The place is free again before the callable runs: it may let other threads go on, which want the place.
+        let own = {
+            let own = OWN[K].read().unwrap_or_else(PoisonError::into_inner);
+            own.as_ref().map(|o| (o.act.clone_ref(py), o.names.clone()))
+        };
+        let Some((act, names)) = own else {
             return Err(Error::new_err("the effect was deleted while it was used"));
         };
         let values = PyDict::new(py);
-        for (name, value) in own.names.iter().zip(call.values) {
+        for (name, value) in names.iter().zip(call.values) {
             values.set_item(name, value)?;
         }
         let with = PyDict::new(py);
@@ -65,7 +69,7 @@ fn ask<const K: usize>(
         with.set_item("values", values)?;
         with.set_item("channel", call.target)?;
         arguments(&with)?;
-        take(&own.act.bind(py).call((), Some(&with))?)
+        take(&act.bind(py).call((), Some(&with))?)
     });
     if let Err(e) = asked {
         let mut raised = RAISED.lock().unwrap_or_else(PoisonError::into_inner);

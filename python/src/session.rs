@@ -124,7 +124,7 @@ pub fn estimate<'py>(
     let spec = &robot.spec;
     let work = || {
         let with = networks.as_deref();
-        of_file(&path, with, spec, any_robot, "any_robot=True")
+        of_file(&path, with, spec, any_robot, "any_robot=True").map_err(in_python)
     };
     let found = py.detach(work).map_err(refused)?;
     let (log, all) = (&found.log, &found.rows);
@@ -185,6 +185,11 @@ pub fn replay<'py>(
         "pos_mm": mm(e.position_m), "ori_deg": deg(e.rotation_rad), "springs_mm": mm(e.spring_m), "imu_deg": deg(e.imu_rad),
     });
     Ok((out, rmse.to_string()))
+}
+
+/// A message of the library that names an option of the command.
+fn in_python(e: anyhow::Error) -> anyhow::Error {
+    anyhow::anyhow!(format!("{e:#}").replace("(--robot)", "(robot=)"))
 }
 
 fn comparison_json(c: &Comparison) -> serde_json::Value {
