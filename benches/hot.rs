@@ -26,6 +26,10 @@ use springtwin::sim::{Inputs, Model, State, observe, sensitivity, settle, step_d
 
 const NETWORKS: &[u8] = include_bytes!("../assets/networks/reference.safetensors");
 
+/// As the program's.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 fn pressures(k: usize) -> [f64; 6] {
     std::array::from_fn(|i| 30e3 * ((k * (i + 3)) as f64 * 0.002).sin())
 }

@@ -1,7 +1,7 @@
 //! What takes long: a recording of an hour, and an hour of the window. Prints figures and judges nothing.
 //!
-//! `cargo bench --bench long -- hour` writes a recording of an hour (once) and opens it; `-- hour F.rrd` opens another one, with
-//! samples as far apart as the window has them;
+//! `cargo bench --bench long -- hour` writes a recording of an hour (once) and opens it as the window does; `-- hour F.rrd` opens
+//! another one;
 //! `cargo bench --bench long -- soak` shows an hour of snapshots at 1 kHz and prints the memory;
 //! `-- drawn` draws every screen at 2560 x 1440 pixels and prints what a frame takes until the graphics device is done.
 
@@ -20,13 +20,18 @@ use session::Session;
 use springtwin::analysis::player::Player;
 use springtwin::gui::offscreen::Offscreen;
 use springtwin::gui::screens::ScreenId;
+use springtwin::lab::loading::load;
 use springtwin::recording::{
-    RecordingFile, RecordingMeta, RecordingWriter, SCHEMA_VERSION, Selection, inspect,
+    RecordingFile, RecordingMeta, RecordingWriter, SCHEMA_VERSION, inspect,
 };
+use springtwin::robot::RobotSpec;
 
 /// As the program's.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// Samples of an hour at the rate of a recording.
+const ROWS: u64 = 360_000;
 
 fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
@@ -57,25 +62,26 @@ fn resident_mb() -> f64 {
     kb.unwrap_or(0.0) / 1e3
 }
 
-/// Writes an hour at the rate of a live recording, unless it is there and can be read.
+/// Writes an hour as a live recording is, with all its files, unless it is there and can be read.
 fn hour_file() -> PathBuf {
-    let name = format!("hour-{SCHEMA_VERSION}.rrd");
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    if inspect(&path).is_ok() {
+    let name = format!("hour-{SCHEMA_VERSION}");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let path = folder.join("hour.rrd");
+    if RecordingFile::open(&path).is_ok_and(|f| f.rows() == Some(ROWS)) {
         return path;
     }
+    assert!(std::fs::create_dir_all(&folder).is_ok());
     let session = Session::new();
     let meta = RecordingMeta {
         name: "hour".into(),
         simulated: Some(true),
         ..RecordingMeta::default()
     };
-    let part = path.with_extension("part.rrd");
     let start = now();
-    let Ok(mut writer) = RecordingWriter::create(&part, meta) else {
-        panic!("{} cannot be written", part.display());
+    let Ok(mut writer) = RecordingWriter::create(&path, meta) else {
+        panic!("{} cannot be written", path.display());
     };
-    for k in 0..360_000 {
+    for k in 0..ROWS {
         assert!(writer.push(&session.snapshot(k, 100)).is_ok());
     }
     let summary = writer.finish().ok();
@@ -83,34 +89,33 @@ fn hour_file() -> PathBuf {
         "wrote {summary:?} in {:.1} s",
         (now() - start).as_secs_f64()
     );
-    assert!(std::fs::rename(&part, &path).is_ok());
     path
 }
 
 fn hour(path: &Path) {
     let before_mb = resident_mb();
-    let start = now();
     let Ok(file) = RecordingFile::open(path) else {
         panic!("{} does not open", path.display());
     };
-    println!("{}: {:.0} MB", path.display(), file.bytes() as f64 / 1e6);
-    // As the window has them: as many as an hour has.
-    let hours = file.rows().unwrap_or(0) as f64 / 360_000.0;
-    let part = Selection {
-        at_least_apart_s: if hours > 1.0 { 0.01 * hours } else { 0.0 },
-        ..Selection::default()
+    println!(
+        "{}: {:.0} MB, {} samples",
+        path.display(),
+        file.bytes() as f64 / 1e6,
+        file.rows().unwrap_or(0)
+    );
+    let start = now();
+    let loaded = match load(&RobotSpec::reference(), path, &mut |_| true) {
+        Ok(loaded) => loaded,
+        Err(e) => panic!("{e}"),
     };
-    let Ok(read) = file.read(&part, &mut |_| true) else {
-        panic!("{} does not read", path.display());
-    };
-    println!("{} samples are shown", read.trace.snapshots.len());
+    println!("{} samples are shown", loaded.trace.snapshots.len());
     let opened = now();
     println!(
         "read in {:.2} s, {:.0} MB more",
         (opened - start).as_secs_f64(),
         resident_mb() - before_mb
     );
-    let Some(player) = Player::new(read.trace) else {
+    let Ok(player) = Player::loaded(loaded, &mut |_| true) else {
         panic!("it is empty");
     };
     println!(

@@ -113,10 +113,20 @@ def watch(process, seconds: float):
 
 
 def press(display: str, *keys: str) -> None:
-    environment = {**os.environ, "DISPLAY": display}
     # Without a window manager nobody gives the window the keyboard.
     find = ["search", "--onlyvisible", "--name", "springtwin", "windowfocus"]
-    for arguments in (find, *(["key", key] for key in keys)):
+    do(display, find, *(["key", key] for key in keys))
+
+
+def by_name(display: str, action: str) -> None:
+    """Does what the window's list of actions has by this name."""
+    press(display, "ctrl+p")
+    do(display, ["type", "--delay", "40", "--", action], ["key", "Return"])
+
+
+def do(display: str, *inputs: list) -> None:
+    environment = {**os.environ, "DISPLAY": display}
+    for arguments in inputs:
         done = subprocess.run(["xdotool", *arguments], env=environment, capture_output=True, text=True)
         if done.returncode != 0:
             raise Trouble(f"xdotool failed: {done.stderr.strip()[:200]}")
@@ -130,6 +140,11 @@ def at_rest(program: Path, seconds: float, looks: int) -> dict:
         tempfile.TemporaryDirectory() as home,
         open_window(program, display, home) as (process, _, lines),
     ):
+        wait_for(lines, "Board 2 is ready")
+        time.sleep(5)
+        by_name(display, "preview the home position")
+        time.sleep(3)
+        by_name(display, "go to the target")
         wait_for(lines, "Goal reached")
         time.sleep(5)
         operate = [watch(process, seconds) for _ in range(looks)]

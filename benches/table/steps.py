@@ -372,11 +372,12 @@ def number(pattern: str, text: str) -> float:
 
 
 def hour(quick: bool) -> dict:
-    for old in (TARGET / "tmp").glob("hour-*.rrd"):
+    for old in (TARGET / "tmp").glob("hour-*/hour*.rrd"):
         old.unlink()  # so that this run writes it
     bench = lambda: call("cargo", "bench", "--locked", "--bench", "long", "--", "hour")
     texts = [bench() for _ in range(1 if quick else 3)]
     snapshots = number(r"inspect: Ok\((\d+)\)", texts[0])
+    shown = number(r"(\d+) samples are shown", texts[0])
     size_mb = number(r"\.rrd: (\d+) MB", texts[0])
     read = [number(r"read in ([\d.]+) s", t) for t in texts]
     opened = [r + number(r"player after ([\d.]+) s", t) for r, t in zip(read, texts)]
@@ -390,7 +391,7 @@ def hour(quick: bool) -> dict:
     slowest = max(scrubs, key=lambda n: statistics.median(most for _, most, _ in scrubs[n]))
     medians, mosts, worsts = zip(*scrubs[slowest])
     return {
-        "hour-open": Figure(opened, note="360,000 snapshots, to the first picture's data"),
+        "hour-open": Figure(opened, note=f"{snapshots:,.0f} samples are looked through and {shown:,.0f} of them shown, to the first picture's data; around the position the window reads all"),
         "hour-scrub": Figure(
             list(mosts),
             note=f"{slowest}: median {statistics.median(medians):.2f}, worst {max(worsts):.2f}",

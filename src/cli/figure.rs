@@ -7,12 +7,12 @@ use clap::Args;
 use serde_json::json;
 
 use super::outputs::Overwrite;
-use super::window::library;
 use super::{Report, args, picture};
 use springtwin::analysis::history::{Channel, History};
 use springtwin::analysis::recorded::origin_name;
 use springtwin::charts::{COLUMN_MM, Figure};
 use springtwin::gui::panels::plot::{Chosen, Table, column, figure, groups, name};
+use springtwin::lab::loading;
 use springtwin::recording::write_bytes;
 use springtwin::robot::RobotSpec;
 
@@ -106,7 +106,7 @@ pub fn run(a: &FigureArgs, robot: &RobotSpec) -> Result<Report> {
     if let Some((out, _)) = &a.out {
         a.overwrite.file(out)?;
     }
-    let loaded = library::load_part(robot, &a.file, [a.from, a.to], &mut |_| true)
+    let loaded = loading::load_part(robot, &a.file, [a.from, a.to], &mut |_| true)
         .map_err(anyhow::Error::msg)?;
     let origin = origin_name(loaded.trace.simulated);
     let history = History::of(loaded.trace.snapshots.iter());
@@ -133,7 +133,8 @@ pub fn run(a: &FigureArgs, robot: &RobotSpec) -> Result<Report> {
         Format::Pdf => write_bytes(out, &figure.pdf())?,
         Format::Png => picture::save_whole(picture::figure(&figure, a.dpi)?, out)?,
     }
-    Ok(written(out, *format, &figure, &table, origin))
+    let apart_s = loaded.about.apart_s;
+    Ok(written(out, *format, &figure, &table, (origin, apart_s)))
 }
 
 /// The figure of the chosen signals, one plot for each unit.
@@ -166,16 +167,25 @@ fn listed(history: &History, [from_s, to_s]: [f64; 2]) -> Report {
     }
 }
 
-fn written(out: &Path, format: Format, figure: &Figure, table: &Table, origin: &str) -> Report {
+fn written(
+    out: &Path,
+    format: Format,
+    figure: &Figure,
+    table: &Table,
+    (origin, apart_s): (&str, Option<f64>),
+) -> Report {
     let [w, h] = figure.size_mm;
     let what = match format {
         Format::Csv => format!("{} rows", table.rows()),
         Format::Svg | Format::Pdf | Format::Png => format!("{w} x {h} mm"),
     };
+    let thinned = apart_s.map_or_else(String::new, |s| {
+        format!(", one sample every {s} s: name a shorter part for all of them")
+    });
     Report {
-        text: format!("{} ({what}, {origin})", out.display()),
+        text: format!("{} ({what}, {origin}{thinned})", out.display()),
         json: json!({
-            "out": out, "width_mm": w, "height_mm": h, "rows": table.rows(), "origin": origin,
+            "out": out, "width_mm": w, "height_mm": h, "rows": table.rows(), "origin": origin, "apart_s": apart_s,
         }),
     }
 }

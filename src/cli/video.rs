@@ -13,14 +13,13 @@ use serde_json::json;
 use super::outputs::{self, Overwrite};
 use super::picture::ThemeName;
 use super::progress::Bar;
-use super::window::library;
 use super::{Report, args};
 use frame::Frames;
 use sink::{Ffmpeg, Sink};
 use springtwin::analysis::history::History;
 use springtwin::analysis::recorded::{Loaded, origin_name};
 use springtwin::gui::offscreen::Offscreen;
-use springtwin::lab::Progress as _;
+use springtwin::lab::{Progress as _, loading};
 use springtwin::robot::RobotSpec;
 
 #[derive(Args)]
@@ -126,7 +125,7 @@ pub fn run(a: &VideoArgs, robot: &RobotSpec) -> Result<Report> {
     let wanted = Wanted::of(&a.out)?;
     wanted.check(a.overwrite)?;
     let goes_on = || !ends.load(Ordering::Relaxed);
-    let loaded = library::load_part(robot, &a.file, [a.from, a.to], &mut |_| goes_on())
+    let loaded = loading::load_part(robot, &a.file, [a.from, a.to], &mut |_| goes_on())
         .map_err(anyhow::Error::msg)?;
     let look = Look {
         size: a.size,

@@ -23,6 +23,7 @@
 //! - [`virtual_baseline`]: the baseline of the virtual rig that ships with the program.
 //! - [`mod@provenance`]: whether recordings that are used together were made alike.
 //! - [`import`]: motion capture as a session.
+//! - [`loading`]: recordings and logs for the window, figures and films.
 //! - [`predicted`]: recordings of arms that nothing estimates, by their model.
 //! - [`doctor`], [`ranges`]: checks before work begins.
 //! - [`table`], [`columns`], [`drive_log`]: tables of figures, their columns, and a drive as a table with pictures.
@@ -41,6 +42,7 @@ pub mod gap_files;
 pub mod import;
 pub mod import_log;
 pub mod learning;
+pub mod loading;
 pub mod motions;
 pub mod multibody;
 pub mod patch_history;

@@ -169,6 +169,9 @@ pub fn inspect(path: &Path) -> Result<Inspection, RecordingError> {
     Ok(inspector.finish())
 }
 
+/// Units are judged by the beginning of a recording, s.
+const UNITS_S: f64 = 600.0;
+
 /// Looks through a recording, window by window.
 #[derive(Default)]
 pub struct Inspector {
@@ -194,8 +197,11 @@ impl Inspector {
         let log = window.log();
         if self.t_s.is_empty() {
             self.meta = read.meta.clone();
-            self.units = suspected_units(&log);
             self.reports = reports();
+        }
+        let begun_s = span_s(&self.t_s);
+        if self.units.is_empty() && begun_s < UNITS_S {
+            self.units = suspected_units(&log);
         }
         self.complete = read.complete;
         self.recovered_until = read.recovered_until;

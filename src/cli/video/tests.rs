@@ -5,7 +5,7 @@ fn sample() -> (RobotSpec, Loaded, Look) {
     let robot = RobotSpec::reference();
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/point-to-point.rrd");
     let part = [Some(5.0), Some(6.0)];
-    let loaded = library::load_part(&robot, &file, part, &mut |_| true).expect("the sample");
+    let loaded = loading::load_part(&robot, &file, part, &mut |_| true).expect("the sample");
     let look = Look {
         size: [640, 360],
         fps: 5,

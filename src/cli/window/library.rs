@@ -11,17 +11,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
 use jiff::tz::TimeZone;
-use springtwin::analysis::recorded::{About, ChannelFacts, ChannelFault, Loaded, LoggedEvent};
 use springtwin::gui::RecordingEntry;
 use springtwin::gui::services::Space;
-use springtwin::lab::predicted;
 use springtwin::recording::{
-    Inspection, Inspector, RecordedEvent, RecordingError, RecordingFile, Selection, SizeLimit,
-    Thinning, free_bytes, inspect, inspect_log, is_later_segment, is_rrd, notes_path, part_of,
-    read_session_with, segment_path,
+    RecordingError, RecordingFile, free_bytes, inspect, is_later_segment, is_rrd, notes_path,
+    segment_path,
 };
-use springtwin::robot::RobotSpec;
-use springtwin::signal::{Snapshot, Stamp, Trace};
 
 /// Where the window finds recordings, besides the folder that it records to.
 #[derive(Clone, Debug)]
@@ -246,133 +241,11 @@ fn size_of_all(path: &Path) -> u64 {
     (1..).map_while(size).sum()
 }
 
-/// Snapshots that the window holds at most: an hour at 100 Hz takes 1 GB.
-const SNAPSHOTS: u64 = 360_000;
-
-/// Reads a recording or a session log, or the part of it that is named as [`part_of`] has it, and looks into it. Of a recording that is longer than memory allows the window gets
-/// snapshots that are farther apart. What nothing estimates is completed by the model of `robot`. Given up when `go_on`, which receives the share that is done, answers `false`.
-pub fn load(
-    robot: &RobotSpec,
-    path: &Path,
-    go_on: &mut dyn FnMut(f32) -> bool,
-) -> Result<Loaded, String> {
-    let mut loaded = read(path, go_on)?;
-    if let Err(e) = predicted::complete(robot, &mut loaded.trace) {
-        log::warn!("{} is shown without its arm: {e}", path.display());
-    }
-    Ok(loaded)
-}
-
-/// As [`load`], of the part from one time to another, s since the session's start; without one, from or to the end.
-pub fn load_part(
-    robot: &RobotSpec,
-    path: &Path,
-    [from, to]: [Option<f64>; 2],
-    go_on: &mut dyn FnMut(f32) -> bool,
-) -> Result<Loaded, String> {
-    if from.is_none() && to.is_none() {
-        return load(robot, path, go_on);
-    }
-    if !path.exists() {
-        return Err(format!("{} is not there.", path.display()));
-    }
-    let bound = |s: Option<f64>| s.map_or_else(String::new, |s| s.to_string());
-    let part = format!("{}@{}..{}", path.display(), bound(from), bound(to));
-    load(robot, Path::new(&part), go_on)
-}
-
-fn read(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, String> {
-    let (path, part) = part_of(path).map_err(|e| e.to_string())?;
-    let path = path.as_path();
-    if !is_rrd(path) {
-        let log = read_session_with(path, go_on).map_err(|e| e.to_string())?;
-        let log = log.part(&part);
-        let (each, rows) = (size_of::<Snapshot>() as u64, log.len() as u64);
-        let fits = SizeLimit::of_memory().check_count(path, rows, "rows", each);
-        fits.map_err(|e| e.to_string())?;
-        let seen = inspect_log(&log);
-        let about = about(path, &seen, Vec::new());
-        let mut trace = log.to_trace();
-        hold_truth(&mut trace);
-        return Ok(Loaded { trace, about });
-    }
-    let file = RecordingFile::open(path).map_err(|e| e.to_string())?;
-    let apart_s = apart_s(&file, &part);
-    let mut thinning = Thinning::new(apart_s.unwrap_or(0.0));
-    let (mut trace, mut events) = (Trace::default(), Vec::new());
-    let mut inspector = Inspector::default();
-    let read = file.read_in_windows(&part, go_on, &mut |mut window| {
-        inspector.take(&window);
-        events.append(&mut window.read.events);
-        let mut snapshots = std::mem::take(&mut trace.snapshots);
-        let new = window.read.trace.snapshots.drain(..);
-        snapshots.extend(new.filter(|s| thinning.takes(s.stamp)));
-        trace = Trace {
-            snapshots,
-            ..window.read.trace
-        };
-    });
-    read.map_err(|e| e.to_string())?;
-    let about = About {
-        note: file.meta().note.clone(),
-        begun: Some(file.meta().begun.clone()).filter(|b| !b.is_empty()),
-        apart_s,
-        ..about(path, &inspector.finish(), events)
-    };
-    Ok(Loaded { trace, about })
-}
-
-/// Motion capture that is slower than a log: its newest pose stays, as on a live twin.
-fn hold_truth(trace: &mut Trace) {
-    let mut newest = None;
-    for s in &mut trace.snapshots {
-        match &s.truth {
-            Some(_) => newest.clone_from(&s.truth),
-            None => s.truth.clone_from(&newest),
-        }
-    }
-}
-
-/// How far apart the snapshots of a part of a recording must be for the window to hold them, s; `None` for all of them.
-fn apart_s(file: &RecordingFile, part: &Selection) -> Option<f64> {
-    let (rows, last) = (file.rows_in(part)?, file.last()?);
-    let from_s = part.from.map_or(0.0, Stamp::seconds);
-    let to_s = part.to.map_or(last, |to| to.min(last)).seconds();
-    (rows > SNAPSHOTS).then(|| (10.0 * (to_s - from_s) / SNAPSHOTS as f64).ceil() / 10.0)
-}
-
-fn about(path: &Path, seen: &Inspection, events: Vec<RecordedEvent>) -> About {
-    let events = events.into_iter().map(|e| LoggedEvent {
-        stamp: e.stamp,
-        log: e.log,
-        text: e.text,
-    });
-    let channels = seen.channels.iter().map(|c| ChannelFacts {
-        name: c.name.clone(),
-        unit: c.unit.clone(),
-        rows: c.rows,
-        rate_hz: c.rate_hz,
-    });
-    let faults = seen.health.channels.iter().map(|c| ChannelFault {
-        name: c.name.clone(),
-        missing: c.missing,
-        flagged: c.flagged,
-    });
-    About {
-        path: Some(path.to_owned()),
-        events: events.collect(),
-        channels: channels.collect(),
-        faults: faults.collect(),
-        gaps: seen.health.gaps,
-        longest_step_s: seen.health.longest_step_s,
-        cut_at: seen.recovered_until.map(Stamp::from_seconds),
-        ..About::default()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use springtwin::lab::loading::load;
+    use springtwin::robot::RobotSpec;
 
     #[test]
     fn a_recording_with_its_ending_in_capitals_is_one() {
@@ -435,15 +308,16 @@ mod tests {
 
     #[test]
     fn a_recording_that_was_cut_loads_to_its_last_record_and_says_so() {
+        let robot = RobotSpec::reference();
         let whole = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/point-to-point.rrd");
-        let all = read(&whole, &mut |_| true).expect("the sample recording");
+        let all = load(&robot, &whole, &mut |_| true).expect("the sample recording");
         assert!(all.about.cut_at.is_none() && !all.about.channels.is_empty());
         assert!(!all.about.events.is_empty());
         let bytes = std::fs::read(&whole).expect("the sample recording");
         let name = format!("springtwin-cut-{}.rrd", std::process::id());
         let path = std::env::temp_dir().join(name);
         std::fs::write(&path, &bytes[..bytes.len() * 6 / 10]).expect("written");
-        let cut = read(&path, &mut |_| true);
+        let cut = load(&robot, &path, &mut |_| true);
         let entry = describe(path.clone(), "cut".into(), 1);
         std::fs::remove_file(&path).expect("removed");
         let cut = cut.expect("its first part is whole");

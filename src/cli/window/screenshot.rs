@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::rigs::{Rigs, Twins};
-use super::{Asks, hull, library};
+use super::{Asks, hull};
 use crate::cli::args::Kind;
 use crate::cli::outputs::Overwrite;
 use crate::cli::picture::ThemeName;
@@ -24,7 +24,7 @@ use springtwin::gui::scene::Scene;
 use springtwin::gui::screens::ScreenId;
 use springtwin::gui::services::Job;
 use springtwin::gui::{App, Services};
-use springtwin::lab::virtual_baseline;
+use springtwin::lab::{loading, virtual_baseline};
 use springtwin::robot::RobotSpec;
 use springtwin::signal::{CHAMBERS, Goal, Mode, Snapshot};
 use springtwin::twin::{Command, Event, Maps};
@@ -202,7 +202,7 @@ pub fn screenshot(
 
 /// A recording that stands at `at_s` of its own clock, else at its end.
 fn played(robot: &RobotSpec, path: &Path, at_s: Option<f64>) -> Result<Player> {
-    let loaded = library::load(robot, path, &mut |_| true).map_err(anyhow::Error::msg)?;
+    let loaded = loading::load(robot, path, &mut |_| true).map_err(anyhow::Error::msg)?;
     let mut player = Player::loaded(loaded, &mut |_| true).map_err(anyhow::Error::msg)?;
     player.playing = false;
     let [from_s, seconds] = [player.start_s(), player.duration_s()];

@@ -5,6 +5,7 @@ use std::time::Duration;
 use springtwin::analysis::player::Player;
 use springtwin::gui::Services;
 use springtwin::gui::services::{Connected, Folder, Job, RollingUse, Scanner};
+use springtwin::lab::loading;
 use springtwin::recording::{annotate, keep_last};
 
 use super::later::later;
@@ -36,7 +37,7 @@ pub fn services(asks: Asks, rigs: Rigs, calibration: calibrate::Setting) -> Serv
             later(&for_load, "loader", move |worker| {
                 let what = format!("Reading {}", path.display());
                 worker.tell(&what, None);
-                let loaded = library::load(&robot, &path, &mut |share| {
+                let loaded = loading::load(&robot, &path, &mut |share| {
                     worker.tell(&what, Some(share));
                     !worker.cancelled()
                 })?;

@@ -1,5 +1,6 @@
 //! Reading recordings, whole or by range of time.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -17,8 +18,8 @@ use crate::signal::{Snapshot, Stamp, Trace};
 
 /// Batches that are read before progress is reported.
 const GROUP: usize = 64;
-/// Batches of a window: ten minutes.
-const WINDOW_BATCHES: usize = 1000;
+/// Batches of a window: two minutes and a half, 55 MB.
+const WINDOW_BATCHES: usize = 250;
 /// Where the description of a recording has come, bytes.
 const HEAD_BYTES: u64 = 1 << 18;
 /// A message of a log holds the lines of one batch; those of a batch are no further apart, ns.
@@ -182,8 +183,9 @@ impl RecordingFile {
         RecordingError::io(&self.path, "finish reading")(e)
     }
 
-    /// Reads what is selected in windows of about ten minutes, so that memory does not grow with the recording, and
-    /// reports the share that is done, 0..1. A recording of the first layout is one window.
+    /// Reads what is selected in windows of some minutes, so that memory does not grow with the recording, and
+    /// reports the share that is done, 0..1. While `each` has one, the next one is read on another thread. A recording of the
+    /// first layout is one window.
     ///
     /// # Errors
     /// As [`RecordingFile::read`].
@@ -210,41 +212,68 @@ impl RecordingFile {
             return Ok(());
         }
         let mut at = 0;
-        while at < batches.len() {
-            let end = (at + batches_each).min(batches.len());
-            let mut within = |share: f32| {
-                let done = at as f32 + share * (end - at) as f32;
-                go_on(done / batches.len() as f32)
-            };
-            let window = &batches[at..end];
-            // Lines of the log before the first and behind the last row belong to the first and the last window.
-            let begins = Some(Stamp(window[0].after.saturating_add(1)));
-            let ends = Some(Stamp(window[window.len() - 1].last));
-            let lines = Selection {
-                from: if at == 0 { selection.from } else { begins },
-                to: if end == batches.len() {
-                    selection.to
-                } else {
-                    ends
-                },
-                ..*selection
-            };
-            let mut core = self.gather(window, selection, &mut within)?;
-            let beside = |batch: Option<&Batch>| match batch {
-                Some(batch) => Ok(self.gather(&[*batch], selection, &mut |_| true)?.snapshots),
-                None => Ok(Vec::new()),
-            };
-            let before = beside(at.checked_sub(1).map(|i| &batches[i]))?;
-            let after = beside(batches.get(end))?;
-            core.events = self.read_events(&lines)?;
-            each(Window {
-                before,
-                read: core.finish(self.meta.clone(), self.index.complete()),
-                after,
+        let mut read = self.window(&batches, 0..batches_each, selection, go_on)?;
+        loop {
+            at += batches_each;
+            if at >= batches.len() {
+                each(read);
+                return Ok(());
+            }
+            if !go_on(at as f32 / batches.len() as f32) {
+                return Err(self.given_up());
+            }
+            // The next one is read while this one is looked at.
+            let next = at..at + batches_each;
+            let ahead = std::thread::scope(|s| {
+                let read_next = || self.window(&batches, next, selection, &mut |_| true);
+                let named = std::thread::Builder::new().name("recording".to_owned());
+                let ahead = named.spawn_scoped(s, read_next);
+                let ahead = ahead.map_err(RecordingError::io(&self.path, "read"))?;
+                each(read);
+                ahead
+                    .join()
+                    .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
             });
-            at = end;
+            read = ahead?;
         }
-        Ok(())
+    }
+
+    /// The window of some of `batches`.
+    fn window(
+        &self,
+        batches: &[Batch],
+        Range { start, end }: Range<usize>,
+        selection: &Selection,
+        go_on: &mut dyn FnMut(f32) -> bool,
+    ) -> Result<Window, RecordingError> {
+        let end = end.min(batches.len());
+        let share = (end - start) as f32 / batches.len() as f32;
+        let window = &batches[start..end];
+        // Lines of the log before the first and behind the last row belong to the first and the last window.
+        let begins = Some(Stamp(window[0].after.saturating_add(1)));
+        let ends = Some(Stamp(window[window.len() - 1].last));
+        let lines = Selection {
+            from: if start == 0 { selection.from } else { begins },
+            to: if end == batches.len() {
+                selection.to
+            } else {
+                ends
+            },
+            ..*selection
+        };
+        let mut core = self.gather(window, selection, &mut |done| go_on(share * done))?;
+        let beside = |batch: Option<&Batch>| match batch {
+            Some(batch) => Ok(self.gather(&[*batch], selection, &mut |_| true)?.snapshots),
+            None => Ok(Vec::new()),
+        };
+        let before = beside(start.checked_sub(1).map(|i| &batches[i]))?;
+        let after = beside(batches.get(end))?;
+        core.events = self.read_events(&lines)?;
+        Ok(Window {
+            before,
+            read: core.finish(self.meta.clone(), self.index.complete()),
+            after,
+        })
     }
 
     fn batches(&self, selection: &Selection) -> Vec<Batch> {

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use springtwin::gui::services::{Existing, Filmed, Filmer, Worker};
+use springtwin::lab::loading::load;
 use springtwin::robot::RobotSpec;
 
-use super::load;
 use crate::cli::video::{Look, Wanted, make};
 use crate::cli::window::export;
 use crate::cli::window::later::later;

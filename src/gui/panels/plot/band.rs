@@ -3,8 +3,8 @@
 
 use std::ops::RangeInclusive;
 
-use egui::epaint::{BandPoint, BandShape};
-use egui::{Color32, Shape, Ui};
+use egui::epaint::Mesh;
+use egui::{Color32, Shape, Ui, pos2};
 use egui_plot::{PlotBounds, PlotGeometry, PlotItem, PlotItemBase, PlotPoint, PlotTransform};
 
 use super::series::Dash;
@@ -92,21 +92,54 @@ fn strokes(slots: &[Slot], dash: Dash) -> Vec<&[Slot]> {
     }
 }
 
+/// A column of a stroke on screen: its x, its upper and its lower end, points.
+type Column = [f32; 3];
+
+/// The area between the ends of the columns, with edges that fade over `fade` points. Its triangles are made here: only the
+/// vertical of its edges matters, since what is steep lies within a column.
+fn filled(columns: impl ExactSizeIterator<Item = Column>, color: Color32, fade: f32) -> Mesh {
+    let (n, half) = (columns.len(), 0.5 * fade);
+    let mut mesh = Mesh::default();
+    mesh.reserve_vertices(4 * n);
+    mesh.reserve_triangles(6 * n.saturating_sub(1));
+    for (k, [x, top, bottom]) in columns.enumerate() {
+        let edges = [
+            (top - half, Color32::TRANSPARENT),
+            (top + half, color),
+            (bottom - half, color),
+            (bottom + half, Color32::TRANSPARENT),
+        ];
+        for (y, color) in edges {
+            mesh.colored_vertex(pos2(x, y), color);
+        }
+        let Some(before) = k.checked_sub(1) else {
+            continue;
+        };
+        let (a, b) = (4 * before as u32, 4 * k as u32);
+        for e in 0..3 {
+            mesh.add_triangle(a + e, a + e + 1, b + e);
+            mesh.add_triangle(a + e + 1, b + e + 1, b + e);
+        }
+    }
+    mesh
+}
+
 impl PlotItem for Band {
-    fn shapes(&self, _ui: &Ui, transform: &PlotTransform, shapes: &mut Vec<Shape>) {
+    fn shapes(&self, ui: &Ui, transform: &PlotTransform, shapes: &mut Vec<Shape>) {
+        let fade = 1.0 / ui.pixels_per_point();
         let half = if self.highlighted() {
             WIDTH
         } else {
             0.5 * WIDTH
         };
         for stroke in strokes(&self.slots, self.dash) {
-            let points = stroke.iter().map(|s| {
+            let columns = stroke.iter().map(|s| {
                 let x = transform.position_from_point_x((s.index as f64 + 0.5) * self.width_s);
                 // Up on the screen is down in its coordinates.
                 let [bottom, top] = s.range.map(|v| transform.position_from_point_y(v));
-                BandPoint::new(x, (top - half)..=(bottom + half))
+                [x, top - half, bottom + half]
             });
-            shapes.push(BandShape::filled(points.collect(), self.color).into());
+            shapes.push(Shape::mesh(filled(columns, self.color, fade)));
         }
     }
 
@@ -157,6 +190,31 @@ mod tests {
         }
         let sparse = piece((0..40).map(|i| (f64::from(i), 1.0)));
         assert!(Band::of("x", &sparse, 1.0, Color32::RED, Dash::Solid).is_none());
+    }
+
+    #[test]
+    fn columns_are_filled_between_their_ends_and_fade_beside_them() {
+        let columns = [[0.0, 10.0, 14.0], [1.0, 20.0, 22.0], [2.0, 20.0, 21.5]];
+        let mesh = filled(columns.into_iter(), Color32::RED, 1.0);
+        assert!(mesh.is_valid());
+        assert_eq!((mesh.vertices.len(), mesh.indices.len()), (12, 36));
+        let area = |corners: &[u32]| {
+            let [a, b, c] = [0, 1, 2].map(|k| mesh.vertices[corners[k] as usize].pos);
+            0.5 * ((b - a).x * (c - a).y - (b - a).y * (c - a).x).abs()
+        };
+        let total: f32 = mesh.indices.chunks(3).map(area).sum();
+        // Two trapezoids, each higher by the half of what fades above and below.
+        assert!(
+            (total - (4.0 + 2.0 + 2.0 + 1.5) / 2.0 - 2.0).abs() < 1e-4,
+            "{total}"
+        );
+        let full = mesh.vertices.iter().filter(|v| v.color == Color32::RED);
+        assert!(
+            full.map(|v| v.pos.y)
+                .eq([10.5, 13.5, 20.5, 21.5, 20.5, 21.0])
+        );
+        let single = filled([[0.0, 1.0, 2.0]].into_iter(), Color32::RED, 1.0);
+        assert!(single.is_valid() && single.indices.is_empty());
     }
 
     #[test]

@@ -182,7 +182,7 @@ fn alike(faults: &[ChannelFault]) -> Vec<(Vec<&str>, u64, u64)> {
 
 /// What of a long recording is shown; nothing of one that is shown whole.
 pub fn thinned_sentence(player: &Player, reads_near: bool) -> Option<String> {
-    let apart = number(player.about.apart_s?, 1);
+    let apart = player.about.apart_s?;
     let at = |t_s: f64| minutes((t_s - player.start_s()).clamp(0.0, player.duration_s()));
     let near = player.near().filter(|n| n.history(n.range_s).is_some());
     Some(match near.map(|n| n.range_s.map(at)) {
