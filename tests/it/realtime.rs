@@ -22,6 +22,8 @@ use springtwin::signal::{Mode, Snapshot};
 use springtwin::twin::{Command, Runner, SerialPort, TICK_S, run_in_real_time};
 
 #[cfg(feature = "gui")]
+mod recordings;
+#[cfg(feature = "gui")]
 mod tour;
 #[cfg(feature = "gui")]
 mod walk;

@@ -46,9 +46,17 @@ pub fn start_with(
     more: &[&str],
 ) -> (Running, Receiver<String>) {
     // The rig in the same process: drawing in software starves another one of its time.
-    let mut program = process::program(&["run", "--rig", "sim"]);
+    start_as(display, dir, &[&["run", "--rig", "sim"], more].concat())
+}
+
+/// A command that opens the window.
+pub fn start_as(
+    display: &str,
+    dir: &std::path::Path,
+    command: &[&str],
+) -> (Running, Receiver<String>) {
+    let mut program = process::program(command);
     program
-        .args(more)
         .env("DISPLAY", display)
         .env_remove("WAYLAND_DISPLAY")
         .env("XDG_DATA_HOME", dir)

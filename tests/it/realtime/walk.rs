@@ -18,7 +18,7 @@ const EXPERIMENT: Duration = Duration::from_secs(900);
 
 /// Does what the list of commands has by this name. What cannot be done now leaves the list open, and a space typed beside it
 /// would hold the arm: it is closed.
-fn act(display: &str, name: &str) {
+pub fn act(display: &str, name: &str) {
     keys(display, &["key", "ctrl+p"]);
     keys(display, &["type", "--delay", "40", "--", name]);
     std::thread::sleep(Duration::from_secs(1));

@@ -56,6 +56,11 @@ impl Plan {
             &[snapshot],
         );
         app.welcome = welcome;
+        Self::showing(app)
+    }
+
+    /// Of a window that shows this.
+    pub fn showing(app: springtwin::gui::App) -> Self {
         let mut harness = egui_kittest::Harness::builder()
             .with_size([1280.0, 760.0])
             .build_eframe(|_| app);
@@ -63,10 +68,36 @@ impl Plan {
         Self { harness }
     }
 
-    fn at(&self, label: &str) -> [String; 2] {
+    /// Where something is, points.
+    pub fn place(&self, label: &str) -> egui::Rect {
         use egui_kittest::kittest::Queryable;
-        let c = self.harness.get_by_label(label).rect().center();
+        self.harness.get_by_label(label).rect()
+    }
+
+    /// Where a picture or a plot is, points.
+    pub fn picture(&self, label: &str) -> egui::Rect {
+        use egui_kittest::kittest::Queryable;
+        let image = egui::accesskit::Role::Image;
+        self.harness.get_by_role_and_label(image, label).rect()
+    }
+
+    fn at(&self, label: &str) -> [String; 2] {
+        let c = self.place(label).center();
         [c.x, c.y].map(|v| format!("{v:.0}"))
+    }
+
+    /// Changes what is shown here, as the window has been changed.
+    pub fn change(&mut self, change: impl FnOnce(&mut springtwin::gui::App)) {
+        change(self.harness.state_mut());
+        self.harness.run_steps(6);
+    }
+
+    /// A real click, and the same one here.
+    pub fn click_both(&mut self, display: &str, label: &str) {
+        use egui_kittest::kittest::Queryable;
+        self.click(display, label);
+        self.harness.get_by_label(label).click();
+        self.harness.run_steps(6);
     }
 
     /// A real click on the middle of it.
