@@ -142,7 +142,7 @@ pub struct ConvertArgs {
     /// Recording or session, or a part of it: F.rrd@FROM..TO (s)
     #[arg(value_name = "F.rrd|SESSION")]
     input: PathBuf,
-    /// Table of what was measured (.csv, .parquet), ROS 2 messages (.mcap), or recording (.rrd)
+    /// Table of what was measured (.csv, .parquet; readings as the sensors gave them), ROS 2 messages (.mcap), or recording (.rrd)
     #[arg(value_name = "F.csv|F.parquet|F.mcap|F.rrd")]
     out: PathBuf,
     #[command(flatten)]
@@ -175,6 +175,7 @@ pub fn convert(a: &ConvertArgs) -> Result<Report> {
             robot_hash: log.robot.clone(),
             payload_kg: log.payload_kg,
             derived_from: format!("the session {}", log.name),
+            corrected_by: log.corrected_by.clone(),
             ..RecordingMeta::default()
         };
         let mut writer = RecordingWriter::create(&a.out, meta)?;
@@ -183,6 +184,9 @@ pub fn convert(a: &ConvertArgs) -> Result<Report> {
         }
         return Ok(written(&a.out, &writer.finish()?));
     }
+    // A table has no place to state by what its readings are corrected: it has them as the sensors gave them.
+    let corrected = log.corrected_by.is_some();
+    let log = log.uncorrected();
     match a
         .out
         .extension()
@@ -191,9 +195,14 @@ pub fn convert(a: &ConvertArgs) -> Result<Report> {
         true => write_session_table(&a.out, &log)?,
         false => session_table(&log).write(&a.out)?,
     }
+    let mut text = format!("{} rows in {}", log.len(), a.out.display());
+    if corrected {
+        text +=
+            "; readings as the sensors gave them, without the corrections of the robot's patches";
+    }
     Ok(Report {
-        text: format!("{} rows in {}", log.len(), a.out.display()),
-        json: json!({"out": a.out, "rows": log.len()}),
+        text,
+        json: json!({"out": a.out, "rows": log.len(), "corrections_taken_back": corrected}),
     })
 }
 

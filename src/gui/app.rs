@@ -738,6 +738,10 @@ impl App {
         if let Some(name) = wanted {
             self.connect(&name);
         }
+        if let Some([before, after]) = self.screens.library.renamed.take() {
+            let gap = &mut self.screens.gap;
+            gap.renamed(&before, &after, &mut self.services);
+        }
         if let Some((part, path)) = self.screens.library.for_gap.take() {
             self.screens.gap.use_as(part, &path, &mut self.services);
             self.screen = ScreenId::Gap;

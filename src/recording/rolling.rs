@@ -41,7 +41,7 @@ struct Settings {
 pub struct RollingFolder {
     path: PathBuf,
     /// Nothing is recorded while less is free on its disk, bytes.
-    pub(super) least_free_bytes: u64,
+    pub(crate) least_free_bytes: u64,
     /// Length of a file, s.
     pub(super) segment_s: f64,
 }

@@ -494,3 +494,34 @@ fn an_endurance_run_that_is_asked_to_end_stops_the_boards() {
     assert_eq!(out.status.code(), Some(1), "{said}");
     assert!(said.contains("ended by a signal"), "{said}");
 }
+
+/// A table cannot state by what its readings are corrected, so it has them as the sensors gave them; a recording states it.
+#[test]
+fn converted_readings_keep_their_corrections_where_they_can_be_stated() {
+    let dir = scratch("convert-corrected");
+    let at = |name: &str| dir.join(name).to_string_lossy().into_owned();
+    let (session, patched) = (at("session"), at("patched"));
+    let make = ["rig", "session", "--seconds", "4", "--out", &session];
+    json(&[&make[..], &["--json"]].concat());
+    let mut errors = springtwin::signal::SensorErrors::default();
+    errors.spring[3] = [1.0625, 0.5e-3];
+    let mut log = springtwin::recording::read_log(Path::new(&session)).expect("reads");
+    log.corrected_by = Some(errors);
+    springtwin::recording::write_session(Path::new(&patched), &log).expect("written");
+
+    let (table, recording) = (at("patched.csv"), at("patched.rrd"));
+    let told = json(&["convert", &patched, &table, "--json"]);
+    assert_eq!(told["corrections_taken_back"], true, "{told}");
+    json(&["convert", &patched, &recording, "--json"]);
+    let read = |path: &str| springtwin::recording::read_log(Path::new(path)).expect("reads");
+    let (table, recording) = (read(&table), read(&recording));
+    assert_eq!(table.corrected_by, None);
+    assert_eq!(recording.corrected_by, log.corrected_by);
+    assert_eq!(table.sensors.len(), log.sensors.len());
+    for (n, was) in log.sensors.iter().enumerate() {
+        let [raw, kept] = [&table, &recording].map(|l| l.sensors[n].spring_m);
+        assert!((raw[3] - (1.0625 * was.spring_m[3] + 0.5e-3)).abs() < 1e-8);
+        assert!((raw[4] - was.spring_m[4]).abs() < 1e-8);
+        assert!((kept[3] - was.spring_m[3]).abs() < 1e-8);
+    }
+}

@@ -251,6 +251,11 @@ impl GapState {
         self.select.choose(part, path, services);
     }
 
+    /// A session has another name now: where it is chosen, it stays so.
+    pub fn renamed(&mut self, before: &Path, after: &Path, services: &mut Services) {
+        self.select.renamed(before, after, services);
+    }
+
     /// Takes a finding, as if the finder had just made it.
     pub fn take(&mut self, found: Arc<Found>, origin: Origin, answer: Option<PathBuf>) {
         self.locate = locate::LocateState::of(&found.finding);

@@ -46,13 +46,13 @@ fn exported(display: &str, plan: &mut Plan, exports: &Path) -> [f64; 2] {
     });
     plan.click(display, "Write");
     let table = || -> Option<PathBuf> {
-        let mut files = std::fs::read_dir(exports).ok()?.flatten();
-        files.next().map(|f| f.path())
+        let files = std::fs::read_dir(exports).ok()?.flatten();
+        let mut paths = files.map(|f| f.path());
+        // It is written under another name first.
+        paths.find(|p| p.extension().is_some_and(|e| e == "csv"))
     };
     until("the table is written", || table().is_some());
     let path = table().expect("it is there");
-    // Written under another first.
-    nap(500);
     let text = std::fs::read_to_string(&path).expect("reads");
     std::fs::remove_file(&path).expect("removed");
     let instants = text.lines().skip(1).map(|l| {

@@ -1,5 +1,5 @@
 //! From a disagreement to a patch, in the real window: an effect begins while the arm works, the monitor reports it, the finder
-//! drives the arm and names it, the patch is accepted, and with it the monitor is quiet.
+//! drives the arm and names it, the patch is accepted, and with it the monitor is quiet; then it is undone.
 //!
 //! Actions are found by name (Ctrl+P) and done with the keyboard. The finder takes minutes on a busy machine.
 
@@ -128,4 +128,21 @@ fn a_hidden_load_is_noticed_named_patched_and_no_longer_noticed() {
     photograph(&display, &dir.join("7-quiet.png"));
     let noticed: Vec<String> = log.try_iter().filter(|l| l.contains("disagree")).collect();
     assert_eq!(noticed, [""; 0]);
+
+    // The history of patches: the last one is undone, and stays in the list.
+    act(&display, "gap: patch");
+    std::thread::sleep(Duration::from_secs(3));
+    photograph(&display, &dir.join("8-accepted.png"));
+    act(&display, "undo the last patch");
+    until_within(
+        Duration::from_secs(30),
+        "the robot file has no patch",
+        || {
+            std::fs::read_to_string(patched).is_ok_and(|text| {
+                RobotSpec::from_toml(&text).is_ok_and(|robot| robot.patches.is_empty())
+            })
+        },
+    );
+    std::thread::sleep(Duration::from_secs(2));
+    photograph(&display, &dir.join("9-undone.png"));
 }

@@ -72,6 +72,8 @@ pub struct Library {
     pub rec: RecState,
     /// What the Gap screen is to use, and as what.
     pub for_gap: Option<(Part, PathBuf)>,
+    /// A recording has another name: where it was and where it is.
+    pub renamed: Option<[PathBuf; 2]>,
     /// The selected recording.
     pub selected: Option<PathBuf>,
     /// What went wrong last.

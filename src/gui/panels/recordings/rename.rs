@@ -92,8 +92,9 @@ impl Library {
                         .map_or_else(String::new, |s| s.to_string_lossy().into_owned());
                 }
                 if self.selected.as_ref() == Some(&before) {
-                    self.selected = Some(path);
+                    self.selected = Some(path.clone());
                 }
+                self.renamed = Some([before, path]);
                 self.rescan(services);
             }
             Err(cause) => {

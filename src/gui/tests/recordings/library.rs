@@ -132,11 +132,23 @@ fn a_recording_gets_another_name_and_a_refusal_is_shown() {
     h.get_by_label_contains("is there already");
     assert_eq!(rows(&h), ["cut", "second", "first", "a-sample"]);
     press(&mut h, "Close the message");
+    press(&mut h, "Use as suspect session");
+    assert_eq!(h.state().screen, ScreenId::Gap);
+    h.state_mut().screen = ScreenId::Recordings;
+    h.run_steps(3);
     name(&mut h, "leak");
     assert_eq!(rows(&h), ["cut", "second", "leak", "a-sample"]);
     let library = &h.state().screens.library;
     assert_eq!(library.selected, Some("recordings/leak.rrd".into()));
     assert!(h.query_by_label_contains("● new").is_none());
+    // The finder's suspect session, too.
+    h.state_mut().screen = ScreenId::Gap;
+    h.run_steps(3);
+    let suspect = h.get_by_label("Path of the suspect session");
+    assert_eq!(
+        suspect.accesskit_node().value().as_deref(),
+        Some("recordings/leak.rrd")
+    );
 }
 
 #[test]

@@ -75,6 +75,23 @@ impl Selection {
         self.slots[part as usize].choose(path, services);
     }
 
+    /// Chooses a session again that has another name now.
+    pub(in crate::gui::panels::gap) fn renamed(
+        &mut self,
+        before: &Path,
+        after: &Path,
+        services: &mut Services,
+    ) {
+        self.rescan();
+        for slot in &mut self.slots {
+            if Path::new(&slot.path.text) == before {
+                let told = slot.told;
+                slot.choose(after, services);
+                slot.told = told;
+            }
+        }
+    }
+
     /// Asks for the baseline of the arm that the window is on; one that was chosen without the operator for another arm is not kept.
     pub(super) fn ask_for_baseline(&mut self, arm: Arm, services: &mut Services) {
         if self.asked_for != Some(arm)
