@@ -235,7 +235,7 @@ def solve(program, hidden, in_table, seed, folder, seconds):
     """Makes a case, lets springtwin search, and gives its residual tensions to the others."""
     def made(name, number, *more):
         hide = ["--hide", hidden] if hidden and name != "healthy" else []
-        run(program, "rig", "session", "--out", folder / name, "--specimen", seed, "--seed", 10 * seed + number, *hide, *more, option="--program")
+        run(program, "rig", "session", "--out", folder / name, "--unit", seed, "--seed", 10 * seed + number, *hide, *more, option="--program")
 
     made("healthy", 1)
     made("suspect", 2)

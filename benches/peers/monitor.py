@@ -53,7 +53,7 @@ def sessions(program: Path, folder: Path, arm: int, seconds: float, effects):
         name, seed, length, motion, hidden = job
         if not (folder / name / "session.toml").exists():
             hide = ["--hide", f"{hidden}@{BEGINS_S}"] if hidden else []
-            run(program, "rig", "session", "--specimen", arm, "--seed", seed, "--seconds", length, "--excitation", motion,
+            run(program, "rig", "session", "--unit", arm, "--seed", seed, "--seconds", length, "--excitation", motion,
                 *hide, "--out", folder / name, option="--program")  # fmt: skip
 
     with ThreadPoolExecutor(2) as pool:

@@ -29,7 +29,7 @@ pub struct DiscoverArgs {
     out: Option<PathBuf>,
     #[command(flatten)]
     overwrite: Overwrite,
-    /// Label figures and pictures as simulated
+    /// Label the files as simulated, also when no session states it
     #[arg(long)]
     simulated: bool,
     /// Effects to leave out of the table

@@ -12,10 +12,11 @@ use springtwin::gap::{
     self, Finding, FoundEffect, GapError, GapSize, PressureGrid, PressureUnit, Progress, Stage,
     Verdict,
 };
+use springtwin::lab::actuation;
 use springtwin::lab::gap_files::{sessions_among, write_all};
+use springtwin::lab::provenance::{self, any_simulated};
 use springtwin::lab::rests::read_rests;
 use springtwin::lab::search::{FOUND, Search};
-use springtwin::lab::{actuation, provenance};
 use springtwin::recording::LogMap;
 use springtwin::robot::RobotSpec;
 use springtwin::sim::effects::{self, Effect};
@@ -40,7 +41,7 @@ pub struct RunArgs {
     /// Session that has no part in the finding, to test the result on; may be given several times
     #[arg(long, value_name = "SESSION")]
     prove: Vec<PathBuf>,
-    /// Label figures and pictures as simulated
+    /// Label the files as simulated, also when no session states it
     #[arg(long)]
     simulated: bool,
     /// Effects to leave out of the table
@@ -170,7 +171,8 @@ fn at_rest(robot: &RobotSpec, a: &RunArgs, window: [f64; 2]) -> Result<Report> {
     let mut found = gap::find_at_rest(robot, &table, &baseline, (&suspects, &prove), &Logged)?;
     found.finding.seconds = start.elapsed().as_secs_f64();
     if let Some(dir) = &a.out {
-        write_all(dir, &found, &found.patch, a.simulated)?;
+        let simulated = a.simulated || any_simulated(&a.session)?;
+        write_all(dir, &found, &found.patch, simulated)?;
     }
     let errors = found.finding.channels.iter().map(|c| {
         let floor = c
@@ -312,7 +314,8 @@ fn actuation(a: &RunArgs, robot: &RobotSpec) -> Result<Report> {
     }
     let mut text = actuation_text(&found, unit);
     if let Some(dir) = &a.out {
-        let names = actuation::write(dir, &found.finding, &json, patch.as_ref(), a.simulated)?;
+        let simulated = a.simulated || any_simulated(&a.session)?;
+        let names = actuation::write(dir, &found.finding, &json, patch.as_ref(), simulated)?;
         text += &format!("\n{} in {}", names.join(", "), dir.display());
     }
     Ok(Report { text, json })

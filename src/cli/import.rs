@@ -168,7 +168,7 @@ fn bag_report(bag: &OwnBag, file: &Path, out: &Path) -> Report {
     let log = &bag.log;
     let seen = log.truth.iter().flatten().count();
     let [from_s, to_s] = [log.t_s.first(), log.t_s.last()].map(|t| t.copied().unwrap_or_default());
-    let kind = match bag.simulated {
+    let kind = match log.simulated {
         Some(true) => ", simulated",
         _ => "",
     };
@@ -185,7 +185,7 @@ fn bag_report(bag: &OwnBag, file: &Path, out: &Path) -> Report {
     Report {
         json: json!({
             "samples": log.len(), "rate_hz": log.rate_hz, "from_s": from_s, "to_s": to_s, "poses": seen,
-            "simulated": bag.simulated, "begun": bag.begun, "cut": log.cut,
+            "simulated": log.simulated, "begun": bag.begun, "cut": log.cut,
         }),
         text,
     }

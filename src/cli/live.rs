@@ -35,7 +35,7 @@ pub struct RunArgs {
     pub seconds: f64,
     /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
     /// pseudo-terminal), or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = DEFAULT_RIG)]
+    #[arg(long, value_name = "sim|pty|PORT[,PORT]", default_value = DEFAULT_RIG)]
     pub rig: String,
     /// Record to this file
     #[arg(long, value_name = "F.rrd", requires = "headless")]
@@ -242,7 +242,7 @@ pub struct RecordArgs {
     #[arg(long, value_name = "S", default_value = "10", value_parser = args::not_negative)]
     seconds: f64,
     /// Where the boards are: `sim`, `pty`, or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = DEFAULT_RIG)]
+    #[arg(long, value_name = "sim|pty|PORT[,PORT]", default_value = DEFAULT_RIG)]
     rig: String,
     /// Steer the tip there meanwhile, mm
     #[arg(long, value_name = "X,Y,Z", value_parser = args::xyz_mm, allow_hyphen_values = true)]

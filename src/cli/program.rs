@@ -134,7 +134,7 @@ commands! { c:
     Screenshot(a: window::ScreenshotArgs) if "gui" => window::screenshot(a, c.robot, c.robot_file),
     /// Signals of a recording as a figure for print (SVG, PDF, PNG), or as a table
     Figure(a: figure::FigureArgs) if "gui" => figure::run(a, c.robot),
-    /// A recording as a film: the arm, and signals below it
+    /// A recording as a video: the arm, and signals below it
     Video(a: video::VideoArgs) if "gui" => video::run(a, c.robot),
     /// Print shell completions
     Completions(a: reference::CompletionsArgs) => reference::completions(a, Cli::command()),

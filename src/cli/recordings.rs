@@ -176,6 +176,7 @@ pub fn convert(a: &ConvertArgs) -> Result<Report> {
             payload_kg: log.payload_kg,
             derived_from: format!("the session {}", log.name),
             corrected_by: log.corrected_by.clone(),
+            simulated: log.simulated,
             ..RecordingMeta::default()
         };
         let mut writer = RecordingWriter::create(&a.out, meta)?;

@@ -31,7 +31,12 @@ pub struct SessionArgs {
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
     /// Which manufactured rig
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(
+        long = "unit",
+        alias = "specimen",
+        value_name = "N",
+        default_value = "1"
+    )]
     specimen: u64,
     /// How it is moved: mixed, holds, steps, loads, reversals, sines, single, axial or still
     #[arg(long, value_name = "NAME", default_value = "mixed", value_parser = excitation)]

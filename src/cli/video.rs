@@ -1,4 +1,4 @@
-//! `video`: a recording as a film, encoded by `ffmpeg` where that is installed, else as numbered pictures.
+//! `video`: a recording as a video, encoded by `ffmpeg` where that is installed, else as numbered pictures.
 
 mod frame;
 mod sink;
@@ -27,7 +27,7 @@ pub struct VideoArgs {
     /// Recording or session
     #[arg(value_name = "F.rrd|SESSION")]
     file: PathBuf,
-    /// The film (.mp4, .mov, .mkv, .webm), or a folder for its frames as pictures
+    /// The video (.mp4, .mov, .mkv, .webm), or a folder for its frames as pictures
     #[arg(long, value_name = "F.mp4|DIR")]
     out: PathBuf,
     #[command(flatten)]
@@ -44,7 +44,7 @@ pub struct VideoArgs {
     /// Size in pixels
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = args::size)]
     size: [u32; 2],
-    /// Seconds of the recording per second of the film
+    /// Seconds of the recording per second of the video
     #[arg(long, value_name = "X", default_value = "1", value_parser = args::positive)]
     speed: f64,
     /// Signals below the arm; without it the error of the tip where motion capture has one, else the springs

@@ -297,6 +297,7 @@ mod tests {
             hash: String::new(),
             robot: String::new(),
             corrected_by: None,
+            simulated: None,
         }
     }
 

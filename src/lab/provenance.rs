@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 
-use crate::recording::{RecordingFile, RecordingMeta, is_rrd, part_of};
+use crate::recording::{RecordingFile, RecordingMeta, is_rrd, is_simulated, part_of};
 use crate::sensing::Calibration;
 use crate::sensing::registration::Registration;
 use crate::signal::{IMUS, SPRINGS};
@@ -25,6 +25,19 @@ fn provenance(path: &Path) -> Result<Option<RecordingMeta>> {
         true => Some(RecordingFile::open(&path)?.meta().clone()),
         false => None,
     })
+}
+
+/// Whether any of these recordings and sessions states that it is simulated.
+///
+/// # Errors
+/// When one cannot be opened.
+pub fn any_simulated<'a>(paths: impl IntoIterator<Item = &'a PathBuf>) -> Result<bool> {
+    for path in paths {
+        if is_simulated(path)? == Some(true) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// What differs between a recording and the one that it is used with, as far as both state it. Each has a name for the

@@ -46,7 +46,7 @@ pub struct Search {
     pub without_cameras: bool,
     /// Folder for the files; without one nothing is written.
     pub out: Option<PathBuf>,
-    /// Labels the files as simulated.
+    /// Labels the files as simulated, as they are anyway when a session states it.
     pub simulated: bool,
 }
 
@@ -78,6 +78,7 @@ struct Data {
     options: Options,
     differences: Vec<String>,
     note: Option<String>,
+    simulated: bool,
 }
 
 impl Search {
@@ -104,6 +105,7 @@ impl Search {
             },
             differences,
             note,
+            simulated: self.simulated || provenance::any_simulated(&self.sessions)?,
         })
     }
 
@@ -120,7 +122,7 @@ impl Search {
         found.finding.seconds = (stopwatch() - start).as_secs_f64();
         found.finding.notes.extend(data.note);
         if let Some(dir) = &self.out {
-            write_all(dir, &found, &found.patch, self.simulated)?;
+            write_all(dir, &found, &found.patch, data.simulated)?;
         }
         Ok(Searched {
             result: found,
@@ -147,7 +149,7 @@ impl Search {
         done.found.finding.seconds = done.discovery.seconds;
         if let Some(dir) = &self.out {
             let grids: Vec<&Grid> = suspects.iter().chain(&options.prove).collect();
-            self.write_discovered(dir, robot, &mut done, &grids)?;
+            self.write_discovered(dir, robot, &mut done, (&grids, data.simulated))?;
         }
         Ok(Searched {
             result: done,
@@ -161,7 +163,7 @@ impl Search {
         dir: &Path,
         robot: &RobotSpec,
         done: &mut Discovered,
-        grids: &[&Grid],
+        (grids, simulated): (&[&Grid], bool),
     ) -> Result<()> {
         let forces = |robot: &RobotSpec| gap::residual_forces(robot, done.rig.as_ref(), grids);
         let without: Vec<ResidualForces> = forces(robot)?;
@@ -175,7 +177,7 @@ impl Search {
             done.discovery.notes.push(note);
         }
         done.found.finding.traces.tension = tension;
-        write_all(dir, &done.found, &done.found.patch, self.simulated)?;
+        write_all(dir, &done.found, &done.found.patch, simulated)?;
         let law = serde_json::to_string_pretty(&done.discovery)?;
         write_text(&dir.join("law.json"), &law)?;
         write_forces(&dir.join("forces.csv"), &without, with.as_deref())

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::log::median_step_s;
+use super::log::{median_step_s, session_is_simulated};
 use super::{
     RecordingError, RecordingFile, RecordingMeta, Selection, SessionLog, SizeLimit, file_sha256,
     read_session,
@@ -95,7 +95,21 @@ pub fn read_log(path: &Path) -> Result<SessionLog, RecordingError> {
     log.hash = file_sha256(path)?;
     log.robot = file.meta().robot_hash.clone();
     log.corrected_by = file.meta().corrected_by.clone();
+    log.simulated = file.meta().simulated;
     Ok(log)
+}
+
+/// Whether the data of a recording or a session are simulated; `None` where it is not stated, as in a table alone or a log of another
+/// program.
+///
+/// # Errors
+/// As [`part_of`], and when the file cannot be opened.
+pub fn is_simulated(path: &Path) -> Result<Option<bool>, RecordingError> {
+    let (path, _) = part_of(path)?;
+    if is_rrd(&path) {
+        return Ok(RecordingFile::open(&path)?.meta().simulated);
+    }
+    session_is_simulated(&path)
 }
 
 #[cfg(test)]

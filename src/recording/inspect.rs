@@ -47,7 +47,7 @@ pub struct Inspection {
     pub recovered_until: Option<f64>,
     /// What is missing.
     pub health: FileHealth,
-    /// Whether the data are simulated; `None` for session logs, of which it is not known.
+    /// Whether the data are simulated; `None` when it is not stated.
     pub simulated: Option<bool>,
     /// Mass the operator declared, kg.
     pub payload_kg: f64,
@@ -314,7 +314,7 @@ pub fn inspect_log(log: &SessionLog) -> Inspection {
         complete: !log.cut,
         recovered_until: log.t_s.last().copied().filter(|_| log.cut),
         health: file_health(&log.t_s, reports),
-        simulated: None,
+        simulated: log.simulated,
         payload_kg: log.payload_kg,
         calibration: None,
         units: suspected_units(log),

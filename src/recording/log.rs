@@ -26,6 +26,7 @@ pub(crate) use columns::columns;
 pub use data::SessionLog;
 pub(crate) use data::median_step_s;
 pub(crate) use read::not_our_header;
+pub(super) use read::session_is_simulated;
 pub use read::{parse_log, read_session, read_session_with};
 #[cfg(test)]
 pub(crate) use read::{parse_within, read_within};

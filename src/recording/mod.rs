@@ -61,7 +61,7 @@ pub use asu::{AsuArmLog, PSI_PA, read_asu_arm};
 pub use dataset::{
     DATASET_SAMPLE_BYTES, DatasetWriter, dataset_columns, read_dataset, write_dataset,
 };
-pub use either::{each_snapshot, is_rrd, part_of, read_log};
+pub use either::{each_snapshot, is_rrd, is_simulated, part_of, read_log};
 pub use error::RecordingError;
 pub use imu_log::{ImuSample, read_imu_log};
 pub use inspect::{

@@ -26,6 +26,9 @@ pub struct SessionFile {
     /// Sensor errors of the robot's patches by which the readings were corrected; none when missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corrected_by: Option<SensorErrors>,
+    /// Whether the data are simulated; unknown when missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub simulated: Option<bool>,
 }
 
 /// Default name of the table.

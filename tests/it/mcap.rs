@@ -26,6 +26,13 @@ fn a_recording_goes_out_as_ros_2_messages_and_comes_back() {
         table(&session, &at("session.csv"))
     );
 
+    assert_eq!(json(&["inspect", &session, "--json"])["simulated"], true);
+    let again = at("again.mcap");
+    json(&["convert", &session, &again, "--json"]);
+    let bytes = std::fs::read(&again).expect("a bag");
+    let has = |topic: &[u8]| bytes.windows(topic.len()).any(|w| w == topic);
+    assert!(has(b"/simulated_mocap/pose"));
+
     // The map of these topics; motion capture of the virtual rig has its own.
     let map = std::fs::read_to_string("assets/logs/ros2-bag.toml").expect("a map");
     let simulated = map.replace("\"/mocap/pose.pose\"", "\"/simulated_mocap/pose.pose\"");

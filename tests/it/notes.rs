@@ -35,6 +35,23 @@ fn a_recording_is_noted_on_and_marked_and_its_parts_keep_both() {
     let merged = json(&["note", &both, "--json"]);
     assert_eq!(merged["note"], "worn\nnew central tube");
     assert_eq!(merged["marks"][0]["text"], "valve clicks");
+    // Parts that share the sample at their ends.
+    let [from, whole, all] = ["e.rrd", "f.rrd", "g.rrd"].map(|n| dir.join(n).display().to_string());
+    json(&["cut", &file, "--from", "2", "--out", &from, "--json"]);
+    json(&["cut", &file, "--from", "1", "--out", &whole, "--json"]);
+    json(&["merge", &part, &from, "--out", &all, "--json"]);
+    let samples = |file: &str| json(&["inspect", file, "--json"])["samples"].as_u64();
+    let [part_n, from_n, whole_n, all_n] = [&part, &from, &whole, &all].map(|f| samples(f));
+    assert_eq!(all_n, whole_n);
+    assert_eq!(
+        part_n.zip(from_n).map(|(a, b)| a + b),
+        whole_n.map(|n| n + 1)
+    );
+    let (code, text) = refusal(&["merge", &from, &part, "--out", &end, "--overwrite"]);
+    assert!(
+        code == 1 && text.contains("before the recording in front"),
+        "{text}"
+    );
     let (code, text) = refusal(&["note", &file, "--remove", "1"]);
     assert!(code == 1 && text.contains("no mark at 1 s"), "{text}");
     let (code, text) = refusal(&["note", &file, "--mark", "1"]);

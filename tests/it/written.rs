@@ -306,6 +306,8 @@ fn what_a_search_writes_is_told_apart_and_read_by_the_script() {
     assert_eq!(finding["verdict"], v["verdict"]);
     let page = std::fs::read_to_string(Path::new(&supply).join("report.html")).expect("written");
     assert!(page.contains("Gap report"));
+    // The session states it.
+    assert!(page.contains("all its figures are simulated"));
     let patch = std::fs::read_to_string(Path::new(&supply).join("patch.toml")).expect("written");
     // A patch is in SI, whatever the finding is told in.
     assert!(

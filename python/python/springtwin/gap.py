@@ -472,7 +472,7 @@ def find(
     out
         Folder for ``patch.toml``, ``finding.json``, ``report.html`` and ``overlay.rrd``.
     simulated
-        Label the report as simulated.
+        Label the report as simulated, also when no session states it.
     """
     rig = (Robot() if robot is None else robot)._robot
     with _searched(baseline, sessions, prove, table, own, seed, without_cameras, out, overwrite, simulated) as search:

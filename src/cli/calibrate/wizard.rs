@@ -25,7 +25,7 @@ use springtwin::twin::Maps;
 pub struct WizardArgs {
     /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
     /// pseudo-terminal), or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = DEFAULT_RIG)]
+    #[arg(long, value_name = "sim|pty|PORT[,PORT]", default_value = DEFAULT_RIG)]
     rig: String,
     /// Log of a bench that drew the springs; it is read again when springs are repeated. The virtual rig
     /// has a bench of its own

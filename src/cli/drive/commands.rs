@@ -30,7 +30,7 @@ use springtwin::twin::Event;
 pub struct Common {
     /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
     /// pseudo-terminal), or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = DEFAULT_RIG)]
+    #[arg(long, value_name = "sim|pty|PORT[,PORT]", default_value = DEFAULT_RIG)]
     rig: String,
     /// Which controller steers
     #[arg(long, value_enum, default_value_t = Kind::Ours)]
@@ -223,10 +223,12 @@ pub fn goto(a: &GotoArgs, robot_file: Option<&FilePath>, robot: &RobotSpec) -> R
         match m.final_mm {
             None => "no ground truth".to_owned(),
             Some(e) => format!(
-                "true tip {:.2} mm from the target, stays within 1 mm after {}",
+                "true tip {:.2} mm from the target, {}",
                 e.mean,
                 m.settled_s
-                    .map_or("never".to_owned(), |s| format!("{s:.1} s")),
+                    .map_or("does not stay within 1 mm of it".to_owned(), |s| format!(
+                        "stays within 1 mm after {s:.1} s"
+                    )),
             ),
         },
         m.final_deg.map_or(String::new(), |deg| format!(

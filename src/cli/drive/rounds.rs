@@ -26,7 +26,7 @@ use springtwin::twin::Maps;
 pub struct RoundArgs {
     /// Where the boards are: `sim` (in this process, simulated time), `pty` (a rig process behind a
     /// pseudo-terminal), or a serial port
-    #[arg(long, value_name = "sim|pty|PORT", default_value = DEFAULT_RIG)]
+    #[arg(long, value_name = "sim|pty|PORT[,PORT]", default_value = DEFAULT_RIG)]
     pub rig: String,
     /// Which manufactured arm the virtual rig is
     #[arg(long, value_name = "N", default_value_t = Unit::default().0)]

@@ -57,5 +57,6 @@ pub fn session_log(s: Session, robot: &RobotSpec) -> SessionLog {
         hash: String::new(),
         robot: robot.hash.clone(),
         corrected_by: None,
+        simulated: Some(true),
     }
 }

@@ -35,6 +35,8 @@ pub struct SessionLog {
     pub robot: String,
     /// Sensor errors of the robot's patches by which the readings were corrected; `None` for none.
     pub corrected_by: Option<SensorErrors>,
+    /// Whether the data are simulated; `None` when unknown.
+    pub simulated: Option<bool>,
 }
 
 impl SessionLog {
@@ -168,7 +170,10 @@ impl SessionLog {
                     truth: self.truth[n].map(|base_from_tip| GroundTruth {
                         stamp,
                         base_from_tip,
-                        source: TruthSource::Vicon,
+                        source: match self.simulated {
+                            Some(true) => TruthSource::VirtualRig,
+                            _ => TruthSource::Vicon,
+                        },
                     }),
                     payload_kg: self.payload_at_kg(n),
                     ..Snapshot::default()
@@ -179,7 +184,7 @@ impl SessionLog {
             name: self.name.clone(),
             snapshots,
             payload_kg: self.payload_kg,
-            simulated: None,
+            simulated: self.simulated,
         }
     }
 
@@ -198,6 +203,7 @@ impl SessionLog {
     ) -> Self {
         let mut log = Self {
             name: trace.name.clone(),
+            simulated: trace.simulated,
             rate_hz,
             payload_kg: trace.payload_kg,
             ..Self::default()

@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
@@ -33,6 +33,34 @@ const ROW_BYTES: u64 = 2
 /// `session.toml`, [`RecordingError::Io`] when a file cannot be read. Nothing is half-read.
 pub fn read_session(path: &Path) -> Result<SessionLog, RecordingError> {
     read_session_with(path, &mut |_| true)
+}
+
+/// Whether it is a table without a description.
+fn is_table(path: &Path) -> bool {
+    let of_table = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("csv");
+    !path.is_dir() && path.extension().is_some_and(of_table)
+}
+
+/// The `session.toml` of a session.
+fn description(path: &Path) -> PathBuf {
+    match path.is_dir() {
+        true => path.join("session.toml"),
+        false => path.to_owned(),
+    }
+}
+
+/// Whether the data of a session are simulated; `None` where it is not stated, as by a table or a log of another kind.
+///
+/// # Errors
+/// When `session.toml` cannot be read.
+pub(in crate::recording) fn session_is_simulated(
+    path: &Path,
+) -> Result<Option<bool>, RecordingError> {
+    let is_described = path.is_dir() || path.extension().is_some_and(|e| e == "toml");
+    match is_described {
+        true => Ok(read_session_toml(&description(path))?.simulated),
+        false => Ok(None),
+    }
 }
 
 /// A file that reports the share that is read, and whose reader may give up.
@@ -78,11 +106,7 @@ pub(crate) fn read_within(
     if !path.is_dir() {
         refuse_other_kinds(path)?;
     }
-    let is_csv = !path.is_dir()
-        && path
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("csv"));
-    let (session, log_path) = if is_csv {
+    let (session, log_path) = if is_table(path) {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let session = SessionFile {
             name: name.into_owned(),
@@ -91,14 +115,11 @@ pub(crate) fn read_within(
             payload_kg: 0.0,
             robot: String::new(),
             corrected_by: None,
+            simulated: None,
         };
         (session, path.to_owned())
     } else {
-        let toml_path = if path.is_dir() {
-            path.join("session.toml")
-        } else {
-            path.to_owned()
-        };
+        let toml_path = description(path);
         let session = read_session_toml(&toml_path)?;
         let log_path = toml_path.with_file_name(&session.log);
         (session, log_path)
@@ -124,6 +145,7 @@ pub(crate) fn read_within(
     log.payload_kg = session.payload_kg;
     log.robot = session.robot;
     log.corrected_by = session.corrected_by;
+    log.simulated = session.simulated;
     let median_s = median_step_s(&log.t_s);
     if session.rate_hz.is_finite() {
         log.rate_hz = session.rate_hz;

@@ -29,6 +29,7 @@ pub fn write_session(dir: &Path, log: &SessionLog) -> Result<(), RecordingError>
         payload_kg: log.payload_kg,
         robot: log.robot.clone(),
         corrected_by: log.corrected_by.clone(),
+        simulated: log.simulated,
     };
     let text = toml::to_string(&session).map_err(|e| RecordingError::Session {
         path: dir.join("session.toml"),

@@ -28,8 +28,6 @@ const ROW_BYTES: u64 = 400;
 pub struct OwnBag {
     /// The session.
     pub log: SessionLog,
-    /// Whether it is simulated; `None` when unknown.
-    pub simulated: Option<bool>,
     /// When the recording began: local time with the offset from UTC; empty when unknown.
     pub begun: String,
 }
@@ -82,7 +80,6 @@ pub fn parse_mcap(source: impl Read, path: &Path) -> Result<OwnBag, RecordingErr
     let text = |key: &str| about.get(key).cloned().unwrap_or_default();
     Ok(OwnBag {
         log,
-        simulated: text("simulated").parse().ok(),
         begun: text("begun"),
     })
 }
@@ -154,6 +151,7 @@ fn session(read: &Collected, about: &BTreeMap<String, String>) -> SessionLog {
         corrected_by: about
             .get("corrected_by")
             .and_then(|text| SensorErrors::from_text(text)),
+        simulated: about.get("simulated").and_then(|text| text.parse().ok()),
         t_s,
         ..SessionLog::default()
     }

@@ -64,8 +64,11 @@ pub fn write_session_mcap(log: &SessionLog, out: &Path) -> Result<McapSummary, R
             bag.row(log, k)?;
             if let Some(pose) = &log.truth[k] {
                 let stamp = Stamp::from_seconds(log.t_s[k]);
-                // A session does not state whether its motion capture was simulated.
-                bag.captured(stamp, pose, Capture::Measured, log.payload_at_kg(k))?;
+                let capture = match log.simulated {
+                    Some(true) => Capture::Simulated,
+                    _ => Capture::Measured,
+                };
+                bag.captured(stamp, pose, capture, log.payload_at_kg(k))?;
             }
         }
         Ok(())
@@ -157,12 +160,21 @@ fn write(
     }
 }
 
+/// Whether the data are simulated, as text.
+fn origin(simulated: Option<bool>) -> &'static str {
+    match simulated {
+        Some(true) => "true",
+        Some(false) => "false",
+        None => "unknown",
+    }
+}
+
 fn about_session(log: &SessionLog) -> BTreeMap<String, String> {
     let mut about = texts(&[
         ("name", &log.name),
         ("robot_hash", &log.robot),
         ("poses", Poses::AtRows.name()),
-        ("simulated", "unknown"),
+        ("simulated", origin(log.simulated)),
     ]);
     about.insert("rate_hz".to_owned(), log.rate_hz.to_string());
     about.extend(corrected_by(log.corrected_by.as_ref()));
@@ -171,18 +183,13 @@ fn about_session(log: &SessionLog) -> BTreeMap<String, String> {
 }
 
 fn about_recording(meta: &RecordingMeta) -> BTreeMap<String, String> {
-    let simulated = match meta.simulated {
-        Some(true) => "true",
-        Some(false) => "false",
-        None => "unknown",
-    };
     let mut about = texts(&[
         ("name", &meta.name),
         ("id", &meta.id),
         ("robot", &meta.robot),
         ("robot_hash", &meta.robot_hash),
         ("source", &meta.source),
-        ("simulated", simulated),
+        ("simulated", origin(meta.simulated)),
         ("begun", &meta.begun),
         ("calibration", &meta.calibration),
         ("registration", &meta.registration),

@@ -24,13 +24,14 @@ use crate::signal::Stamp;
 ///
 /// # Errors
 /// As [`RecordingFile::read`] and [`RecordingWriter::create`]; [`RecordingError::Unsupported`] when a recording begins
-/// before the one before it ends, or nothing is selected.
+/// before the one before it ends, or nothing is selected. A snapshot that ends one and begins the next is taken once.
 pub fn join(
     parts: &[(&RecordingFile, Selection)],
     out: &Path,
     meta: RecordingMeta,
 ) -> Result<RecordingSummary, RecordingError> {
-    let first = refuse_unordered(parts, out)?;
+    let parts = &in_order(parts, out)?[..];
+    let first = parts[0].0;
     if parts.iter().any(|(file, _)| file.is_first_layout) {
         // By way of snapshots, without what viewers draw of the arm's shape.
         let mut writer = RecordingWriter::create_like(out, meta, first)?;
@@ -58,21 +59,23 @@ pub fn join(
     })
 }
 
-/// Refuses parts that overlap or hold nothing, before anything is written; returns the first recording.
-fn refuse_unordered<'a>(
+/// The parts without what two of them share, their ends; refuses parts that overlap or hold nothing, before anything is
+/// written.
+fn in_order<'a>(
     parts: &[(&'a RecordingFile, Selection)],
     out: &Path,
-) -> Result<&'a RecordingFile, RecordingError> {
+) -> Result<Vec<(&'a RecordingFile, Selection)>, RecordingError> {
     let refuse = |path: &Path, text: String| RecordingError::Unsupported {
         path: path.to_owned(),
         text,
     };
     let mut before: Option<Stamp> = None;
-    for (file, selection) in parts {
+    let mut parts = parts.to_vec();
+    for (file, selection) in &mut parts {
         let Some((first, last)) = file.extent(selection)? else {
             continue;
         };
-        if let Some(before) = before.filter(|before| first <= *before) {
+        if let Some(before) = before.filter(|before| first < *before) {
             let text = format!(
                 "it begins at {:.3} s, before the recording in front of it ends at {:.3} s: only parts of one session can \
                  be put together, in their order",
@@ -81,12 +84,15 @@ fn refuse_unordered<'a>(
             );
             return Err(refuse(file.path(), text));
         }
+        if before == Some(first) {
+            selection.from = Some(Stamp(first.0 + 1));
+        }
         before = Some(last);
     }
-    match (parts.first(), before) {
-        (Some((file, _)), Some(_)) => Ok(file),
-        (first, _) => Err(refuse(
-            first.map_or(out, |(file, _)| file.path()),
+    match before {
+        Some(_) => Ok(parts),
+        None => Err(refuse(
+            parts.first().map_or(out, |(file, _)| file.path()),
             "there is no snapshot in that part of the recording".to_owned(),
         )),
     }

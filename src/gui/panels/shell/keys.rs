@@ -38,9 +38,9 @@ const SHORTCUTS: [(&str, &[(&str, &str)]); 4] = [
         "3D view, pointer over it",
         &[
             ("Click", "Preview a target there, or select what is there"),
-            ("Alt+scroll", "Nearer or further; with Shift finely"),
+            ("Alt+scroll", "Nearer or further; with Shift in fine steps"),
             ("X Y Z", "While the target is dragged: along this axis only"),
-            ("Drag", "Turn; with Shift shift"),
+            ("Drag", "Turn the view; with Shift move it"),
             ("Scroll", "Zoom to the pointer"),
             ("1 3 7 9 5", "Front, right, top, below, perspective"),
             ("F", "Fit the arm to the view"),

@@ -66,7 +66,7 @@ fn a_session_comes_back_value_for_value() {
     let log = session(40);
     let bytes = bag_of(&log, "whole");
     let back = parse_mcap(bytes.as_slice(), Path::new(NAME)).expect("reads");
-    assert_eq!(back.simulated, None);
+    assert_eq!(back.log.simulated, None);
     let back = back.log;
     assert_eq!(table(&back, "back"), table(&log, "log"));
     assert_eq!(
@@ -109,7 +109,7 @@ fn a_recording_comes_back_as_the_session_that_it_is() {
     let log = crate::recording::read_log(&recording).expect("reads");
     assert_eq!(summary.rows, log.len() as u64);
     let back = read_mcap(scratch.path()).expect("reads");
-    assert_eq!(back.simulated, Some(true));
+    assert_eq!(back.log.simulated, Some(true));
     assert_eq!(table(&back.log, "rrd-back"), table(&log, "rrd-log"));
     assert!(back.log.truth.iter().any(Option::is_some));
     assert_eq!((&back.log.name, &back.log.robot), (&log.name, &log.robot));
