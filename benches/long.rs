@@ -221,7 +221,7 @@ fn soak() {
                 frames += 1;
             }
         }
-        if matches!(minute, 1 | 5 | 10 | 11 | 20 | 30 | 40 | 50 | 60) {
+        if matches!(minute, 1 | 5 | 11..) {
             println!("{minute} min: {:.0} MB", resident_mb());
         }
     }
