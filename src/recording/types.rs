@@ -2,6 +2,15 @@ use serde::Serialize;
 
 use crate::signal::{CHAMBERS, SensorErrors, Stamp, Trace};
 
+/// Whether data are simulated, as files have it as text: what `parse` does not read is unknown.
+pub(super) fn simulated_text(simulated: Option<bool>) -> &'static str {
+    match simulated {
+        Some(true) => "true",
+        Some(false) => "false",
+        None => "unknown",
+    }
+}
+
 /// Properties of a recorded session as a whole.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordingMeta {

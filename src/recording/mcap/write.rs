@@ -11,6 +11,7 @@ use ::mcap::{Compression, McapError, WriteOptions, Writer};
 use super::messages::{self, Status};
 use super::topic::{Capture, Topic};
 use super::{BASE, METADATA, METADATA_FORMAT, Poses};
+use crate::recording::types::simulated_text;
 use crate::recording::whole::write_whole;
 use crate::recording::{
     ReadRecording, RecordedEvent, RecordingError, RecordingFile, RecordingMeta, Selection,
@@ -160,21 +161,12 @@ fn write(
     }
 }
 
-/// Whether the data are simulated, as text.
-fn origin(simulated: Option<bool>) -> &'static str {
-    match simulated {
-        Some(true) => "true",
-        Some(false) => "false",
-        None => "unknown",
-    }
-}
-
 fn about_session(log: &SessionLog) -> BTreeMap<String, String> {
     let mut about = texts(&[
         ("name", &log.name),
         ("robot_hash", &log.robot),
         ("poses", Poses::AtRows.name()),
-        ("simulated", origin(log.simulated)),
+        ("simulated", simulated_text(log.simulated)),
     ]);
     about.insert("rate_hz".to_owned(), log.rate_hz.to_string());
     about.extend(corrected_by(log.corrected_by.as_ref()));
@@ -189,7 +181,7 @@ fn about_recording(meta: &RecordingMeta) -> BTreeMap<String, String> {
         ("robot", &meta.robot),
         ("robot_hash", &meta.robot_hash),
         ("source", &meta.source),
-        ("simulated", origin(meta.simulated)),
+        ("simulated", simulated_text(meta.simulated)),
         ("begun", &meta.begun),
         ("calibration", &meta.calibration),
         ("registration", &meta.registration),

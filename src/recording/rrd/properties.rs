@@ -7,6 +7,7 @@ use arrow::array::{Array, AsArray};
 use rerun::log::Chunk;
 
 use super::schema;
+use crate::recording::types::simulated_text;
 use crate::recording::{RecordingError, RecordingMeta};
 use crate::signal::SensorErrors;
 
@@ -117,11 +118,7 @@ impl Properties {
 
     /// The properties of a recording to write: names and texts.
     pub(super) fn of(meta: &RecordingMeta, segment: u32) -> Vec<(&'static str, String)> {
-        let simulated = match meta.simulated {
-            Some(true) => "true",
-            Some(false) => "false",
-            None => "unknown",
-        };
+        let simulated = simulated_text(meta.simulated);
         let corrected_by = meta.corrected_by.as_ref().and_then(SensorErrors::text);
         vec![
             ("schema", schema::SCHEMA_VERSION.to_string()),
