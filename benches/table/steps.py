@@ -94,7 +94,7 @@ def values(spread: dict, factor=1.0) -> list:
 
 
 def built(_) -> dict:
-    note = "as `cargo build --release` leaves it; the package has it optimised as a whole"
+    note = "as a release build leaves it; the package has it optimised as a whole"
     return {"binary": Figure([PROGRAM.stat().st_size / 2**20], note, source="")}
 
 
