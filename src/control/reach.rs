@@ -10,7 +10,7 @@ mod nearest;
 use nalgebra::{SVector, UnitQuaternion, Vector3};
 
 use super::adapt::SEGMENTS;
-use super::box_qp::solve_free;
+use super::box_qp::solve_box_qp;
 use super::residual::{TaskWeights, goal_residual, null_space, task_jacobian};
 use crate::learn::{GuessSample, PlantMap, PoseMap};
 use crate::robot::RobotSpec;
@@ -215,29 +215,42 @@ impl Problem<'_> {
             if at.cost() < (0.1 * EXACT).powi(2) {
                 break;
             }
-            let gradient = at.gradient();
-            let free: [bool; 6] = std::array::from_fn(|i| !at.blocked(i, &gradient, self.box_x));
             let h = at.jacobian.transpose() * at.jacobian;
-            // (JᵀJ + λ max diag I) dx = −Jᵀr
+            let gradient = at.gradient();
+            // min ½ dxᵀ(JᵀJ + λ max diag I)dx + (Jᵀr)ᵀdx with x + dx in the box: a step that is cut off at the box
+            // afterwards points elsewhere, and the search would go to and fro along the bounds.
             let lift = damping * h.diagonal().amax() + f64::MIN_POSITIVE;
-            let Some(dx) = solve_free(&(h + Matrix6::identity() * lift), &-gradient, &free) else {
+            let step = solve_box_qp(
+                &(h + Matrix6::identity() * lift),
+                &gradient,
+                &at.x.map(|x| -self.box_x - x),
+                &at.x.map(|x| self.box_x - x),
+            );
+            if !step.converged {
                 break;
-            };
-            let x = self.boxed(&(at.x + dx));
+            }
+            let x = self.boxed(&(at.x + step.x));
             if (x - at.x).amax() < 1e-6 {
                 break;
             }
             match self.evaluate(&x) {
                 Some(next) if next.cost() < at.cost() => {
                     let fall = at.cost() - next.cost();
+                    let foreseen = -(2.0 * gradient + h * step.x).dot(&step.x);
                     let stalled = fall < 1e-3 * at.cost();
                     at = next;
-                    damping = (damping * 0.1).max(1e-9);
+                    // Far from the goal the maps' curvature counts: where the cost falls by much less than the linear
+                    // model has it, the steps are too long.
+                    if fall < 0.25 * foreseen {
+                        damping = (damping * 10.0).max(1e-2);
+                    } else if fall > 0.75 * foreseen {
+                        damping = (damping * 0.1).max(1e-9);
+                    }
                     if stalled {
                         break;
                     }
                 }
-                _ => damping = (damping * 10.0).max(1e-4),
+                _ => damping = (damping * 10.0).max(1e-2),
             }
         }
         at
@@ -294,7 +307,7 @@ impl Problem<'_> {
             if best.as_ref().is_none_or(|b| key(&found) < key(b)) {
                 best = Some(found);
             }
-            let spare = |b: &Point| b.residual.norm() <= EXACT && b.x.amax() < edge;
+            let spare = |b: &Point| b.residual.norm() <= EXACT && b.x.amax() <= edge;
             if best.as_ref().is_some_and(spare) {
                 break;
             }
@@ -728,9 +741,9 @@ mod tests {
             reach(&goal, &robot, &probe, &probe, 0.0, &set, &config).unwrap();
             worst[k] = probe.evaluations.load(Ordering::Relaxed);
         }
-        // At 20 µs for both networks this is within 2 ms, and 4 ms with a point to go to instead.
+        // At 20 µs for both networks this is within 0.4 ms, and 1.2 ms with a point to go to instead.
         println!("evaluations: {worst:?}");
-        assert!(worst[0] <= 30 && worst[1] <= 200, "{worst:?}");
+        assert!(worst[0] <= 20 && worst[1] <= 60, "{worst:?}");
         let config = ReachConfig {
             proposes: false,
             ..config
@@ -739,7 +752,7 @@ mod tests {
         let goal = Goal::position([0.4, 0.0, -0.3]);
         reach(&goal, &robot, &probe, &probe, 0.0, &set, &config).unwrap();
         let verdict_alone = probe.evaluations.load(Ordering::Relaxed);
-        assert!(verdict_alone <= 70, "{verdict_alone}");
+        assert!(verdict_alone <= 40, "{verdict_alone}");
         probe.training_distance = 9.0;
         let goal = Goal::position([0.06, 0.04, -0.3]);
         let r = reach(&goal, &robot, &probe, &probe, 0.0, &set, &config).unwrap();

@@ -497,6 +497,37 @@ fn an_endurance_run_that_is_asked_to_end_stops_the_boards() {
     assert!(said.contains("ended by a signal"), "{said}");
 }
 
+/// What an endurance run has seen is not lost when it is asked to end.
+#[cfg(unix)]
+#[test]
+fn an_endurance_run_that_is_asked_to_end_tells_what_it_has_seen() {
+    use nix::sys::signal::{Signal, kill};
+    let tmp = scratch("endured");
+    let args = ["soak", "--hours", "1000", "--accelerate", "--json"];
+    let mut soak = program(&args);
+    soak.env("TMPDIR", &tmp);
+    let run = Running::start(soak.stdout(Stdio::piped()).stderr(Stdio::piped()));
+    until("it records", || {
+        let folder = tmp.join(format!("springtwin-soak-{}", run.id()));
+        std::fs::read_dir(folder).is_ok_and(|mut files| files.next().is_some())
+    });
+    let id = nix::unistd::Pid::from_raw(run.id() as i32);
+    kill(id, Signal::SIGTERM).expect("runs");
+    let out = run.output();
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert_eq!(out.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("ended by a signal after") && said.contains("no bound was missed"),
+        "{said}"
+    );
+    let v: serde_json::Value = serde_json::from_slice(&out.stdout).expect("a report");
+    assert_eq!(v["ended_of_hours"], 1000.0, "{v}");
+    assert!(
+        v["ticks"].as_u64() > Some(100) && v["violations"] == 0,
+        "{v}"
+    );
+}
+
 /// A table cannot state by what its readings are corrected, so it has them as the sensors gave them; a recording states it.
 #[test]
 fn converted_readings_keep_their_corrections_where_they_can_be_stated() {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use super::index::{Batch, Index, Tables};
+use super::rows::BATCH_ROWS;
 use super::schema::COLUMNS;
 use super::snapshots::{Rows, Seen, events};
 use super::v1;
@@ -291,6 +292,11 @@ impl RecordingFile {
         go_on: &mut dyn FnMut(f32) -> bool,
     ) -> Result<Gathered, RecordingError> {
         let mut gathered = Gathered::default();
+        if selection.at_least_apart_s == 0.0 {
+            // What a damaged file claims to hold is not reserved.
+            let rows = |b: &Batch| b.rows.min(BATCH_ROWS as u64) as usize;
+            gathered.snapshots.reserve(batches.iter().map(rows).sum());
+        }
         let mut thinning = Thinning::new(selection.at_least_apart_s);
         for (n, group) in batches.chunks(GROUP).enumerate() {
             if !go_on((n * GROUP) as f32 / batches.len() as f32) {

@@ -25,7 +25,7 @@ use tables::{TextRows, lists};
 use view::View;
 
 /// Rows after which a batch is due.
-const BATCH_ROWS: usize = 100;
+pub(super) const BATCH_ROWS: usize = 100;
 
 /// Rows that wait to become a batch of messages.
 pub(super) struct Rows {
