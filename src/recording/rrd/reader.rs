@@ -21,6 +21,8 @@ use crate::signal::{Snapshot, Stamp, Trace};
 const GROUP: usize = 64;
 /// Batches of a window: two minutes and a half, 55 MB.
 const WINDOW_BATCHES: usize = 250;
+/// Windows that are read at a time: while one is put together on one processor, another is decoded on all.
+const LANES: usize = 2;
 /// Where the description of a recording has come, bytes.
 const HEAD_BYTES: u64 = 1 << 18;
 /// A message of a log holds the lines of one batch; those of a batch are no further apart, ns.
@@ -185,8 +187,8 @@ impl RecordingFile {
     }
 
     /// Reads what is selected in windows of some minutes, so that memory does not grow with the recording, and
-    /// reports the share that is done, 0..1. While `each` has one, the next one is read on another thread. A recording of the
-    /// first layout is one window.
+    /// reports the share that is done, 0..1. While `each` has one, the next ones are read on other threads. A recording of
+    /// the first layout is one window.
     ///
     /// # Errors
     /// As [`RecordingFile::read`].
@@ -212,31 +214,42 @@ impl RecordingFile {
             each(Window::alone(self.read(selection, go_on)?));
             return Ok(());
         }
-        let mut at = 0;
-        let mut read = self.window(&batches, 0..batches_each, selection, go_on)?;
-        loop {
-            at += batches_each;
-            if at >= batches.len() {
-                each(read);
-                return Ok(());
-            }
-            if !go_on(at as f32 / batches.len() as f32) {
-                return Err(self.given_up());
-            }
-            // The next one is read while this one is looked at.
-            let next = at..at + batches_each;
-            let ahead = std::thread::scope(|s| {
-                let read_next = || self.window(&batches, next, selection, &mut |_| true);
-                let named = std::thread::Builder::new().name("recording".to_owned());
-                let ahead = named.spawn_scoped(s, read_next);
-                let ahead = ahead.map_err(RecordingError::io(&self.path, "read"))?;
-                each(read);
-                ahead
-                    .join()
-                    .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-            });
-            read = ahead?;
+        let windows = batches.len().div_ceil(batches_each);
+        let part = |n: usize| n * batches_each..(n + 1) * batches_each;
+        if windows == 1 {
+            each(self.window(&batches, part(0), selection, go_on)?);
+            return Ok(());
         }
+        std::thread::scope(|s| {
+            let mut lanes = Vec::with_capacity(LANES);
+            for lane in 0..LANES {
+                // Each lane holds one window that is not asked for yet. It ends once nobody will ask.
+                let (give, take) = std::sync::mpsc::sync_channel(0);
+                let batches = &batches;
+                let read = move || {
+                    for n in (lane..windows).step_by(LANES) {
+                        let window = self.window(batches, part(n), selection, &mut |_| true);
+                        let failed = window.is_err();
+                        if give.send(window).is_err() || failed {
+                            return;
+                        }
+                    }
+                };
+                let named = std::thread::Builder::new().name("recording".to_owned());
+                let started = named.spawn_scoped(s, read);
+                started.map_err(RecordingError::io(&self.path, "read"))?;
+                lanes.push(take);
+            }
+            for n in 0..windows {
+                if !go_on(n as f32 / windows as f32) {
+                    return Err(self.given_up());
+                }
+                // A lane is gone before its time only after a panic, which the scope passes on.
+                let window = lanes[n % LANES].recv().map_err(|_| self.given_up())?;
+                each(window?);
+            }
+            Ok(())
+        })
     }
 
     /// The window of some of `batches`.
