@@ -80,8 +80,9 @@ fn read(path: &Path, go_on: &mut dyn FnMut(f32) -> bool) -> Result<Loaded, Strin
         inspector.take(&window);
         events.append(&mut window.read.events);
         let mut snapshots = std::mem::take(&mut trace.snapshots);
-        let new = window.read.trace.snapshots.drain(..);
-        snapshots.extend(new.filter(|s| thinning.takes(s.stamp)));
+        let new = &mut window.read.trace.snapshots;
+        new.retain(|s| thinning.takes(s.stamp));
+        snapshots.append(new);
         trace = Trace {
             snapshots,
             ..window.read.trace

@@ -440,10 +440,9 @@ struct Gathered {
 
 impl Gathered {
     /// Appends a batch, thinned.
-    fn add(&mut self, found: Found, thinning: &mut Thinning) {
-        let snapshots = found.snapshots.into_iter();
-        self.snapshots
-            .extend(snapshots.filter(|s| thinning.takes(s.stamp)));
+    fn add(&mut self, mut found: Found, thinning: &mut Thinning) {
+        found.snapshots.retain(|s| thinning.takes(s.stamp));
+        self.snapshots.append(&mut found.snapshots);
         self.seen.resize(COLUMNS.len(), None);
         for (all, more) in self.seen.iter_mut().zip(found.seen) {
             *all = match (*all, more) {

@@ -118,7 +118,10 @@ impl<'a> Rows<'a> {
                 }
             }
             if wanted(t) {
-                snapshots.push(self.snapshot(t, meta));
+                snapshots.push(Snapshot::default());
+                if let Some(new) = snapshots.last_mut() {
+                    self.fill(new, t, meta);
+                }
             }
         }
         Ok(snapshots)
@@ -175,24 +178,21 @@ impl<'a> Rows<'a> {
         text().unwrap_or_default()
     }
 
-    fn snapshot(&self, t: i64, meta: &RecordingMeta) -> Snapshot {
-        let mut snapshot = Snapshot {
-            stamp: Stamp(t),
-            payload_kg: meta.payload_kg,
-            raw: self.raw(),
-            sensors: self.sensors(),
-            estimate: self.estimate(),
-            truth: self.truth(),
-            goal: self.goal(),
-            sensor_ref: self.f64::<SIGNALS>(column::SENSOR_REF).map(SensorRef::from),
-            command: self.command(),
-            ..Snapshot::default()
-        };
+    /// Puts the present row into a new snapshot, where it lies: a snapshot is large.
+    fn fill(&self, snapshot: &mut Snapshot, t: i64, meta: &RecordingMeta) {
+        snapshot.stamp = Stamp(t);
+        snapshot.payload_kg = meta.payload_kg;
+        snapshot.raw = self.raw();
+        snapshot.sensors = self.sensors();
+        snapshot.estimate = self.estimate();
+        snapshot.truth = self.truth();
+        snapshot.goal = self.goal();
+        snapshot.sensor_ref = self.f64::<SIGNALS>(column::SENSOR_REF).map(SensorRef::from);
+        snapshot.command = self.command();
         let link = self.f64(column::LINK);
         let counts = self.i64(column::LINK_COUNTS);
         let reason = || self.text(column::MODE_REASON);
-        stored::set_tick(&mut snapshot, meta, link, counts, reason);
-        snapshot
+        stored::set_tick(snapshot, meta, link, counts, reason);
     }
 
     fn raw(&self) -> Option<RawFrame> {
