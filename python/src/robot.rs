@@ -53,6 +53,12 @@ impl Robot {
         Self::read(path.as_deref()).map_err(refused)
     }
 
+    /// The robot of a robot file's text.
+    #[staticmethod]
+    fn of_text(text: String) -> PyResult<Self> {
+        Self::of(text, None).map_err(refused)
+    }
+
     #[getter]
     fn name(&self) -> &str {
         &self.spec.name
@@ -213,6 +219,11 @@ impl Robot {
             None => REFERENCE.to_owned(),
             Some(path) => read_toml(path)?,
         };
+        Self::of(text, path)
+    }
+
+    /// The robot of a text, which comes from a file unless `path` is `None`.
+    fn of(text: String, path: Option<&Path>) -> anyhow::Result<Self> {
         let spec = robot_of(&text);
         let spec = match path {
             None => spec?,

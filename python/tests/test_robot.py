@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +169,19 @@ def test_other_threads_run_meanwhile(robot: Robot) -> None:
         now = time.perf_counter()
         longest, last = max(longest, now - last), now
     assert longest < 0.5 * took[0], f"{longest} s of {took[0]} s"
+
+
+def test_a_robot_goes_to_other_processes(robot: Robot) -> None:
+    other = Robot(ROOT / "assets" / "robots" / "asu-arm.toml")
+    for sent in [robot, other]:
+        taken = pickle.loads(pickle.dumps(sent))
+        assert taken.text == sent.text and taken.hash == sent.hash
+    rows = robot.sample(4, seed=3)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        there = pool.submit(robot.solve, rows).result()
+    assert np.array_equal(there.poses, robot.solve(rows).poses)
+    with pytest.raises(springtwin.Error, match="name"):
+        Robot.from_text("name = 3\n")
 
 
 def test_robot_files(robot: Robot, tmp_path: Path) -> None:

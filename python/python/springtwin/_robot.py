@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -84,6 +85,15 @@ class Robot:
         out = cls.__new__(cls)
         out._robot = robot
         return out
+
+    @classmethod
+    def from_text(cls, text: str) -> Robot:
+        """The robot of a robot file's text, patches included, as :attr:`text` has it."""
+        return cls._of(_springtwin.Robot.of_text(text))
+
+    def __reduce__(self) -> tuple[Callable[[str], Robot], tuple[str]]:
+        """Other processes, and :mod:`copy`, take the robot as its text."""
+        return Robot.from_text, (self.text,)
 
     def __repr__(self) -> str:
         patches = len(self.patches)
