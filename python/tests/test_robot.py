@@ -180,7 +180,7 @@ def test_a_robot_goes_to_other_processes(robot: Robot) -> None:
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         there = pool.submit(robot.solve, rows).result()
     assert np.array_equal(there.poses, robot.solve(rows).poses)
-    with pytest.raises(springtwin.Error, match="name"):
+    with pytest.raises(springtwin.Error, match="line 1, column 8"):
         Robot.from_text("name = 3\n")
 
 
