@@ -186,7 +186,8 @@ pub struct Inspector {
     /// Channels of the file: rows, and how long they would take at their rates, s.
     entities: Vec<(Channel, f64)>,
     columns: Vec<(String, Gauged)>,
-    units: Vec<String>,
+    /// What was measured first.
+    beginning: SessionLog,
     marks: Vec<InspectedMark>,
 }
 
@@ -198,10 +199,6 @@ impl Inspector {
         if self.t_s.is_empty() {
             self.meta = read.meta.clone();
             self.reports = reports();
-        }
-        let begun_s = span_s(&self.t_s);
-        if self.units.is_empty() && begun_s < UNITS_S {
-            self.units = suspected_units(&log);
         }
         self.complete = read.complete;
         self.recovered_until = read.recovered_until;
@@ -246,6 +243,11 @@ impl Inspector {
                 self.columns[i].1.push(*t_s, value(n));
             }
         }
+        if self.beginning.is_empty() {
+            self.beginning = log;
+        } else if span_s(&self.beginning.t_s) < UNITS_S {
+            self.beginning.append(log);
+        }
     }
 
     /// What was found.
@@ -276,7 +278,7 @@ impl Inspector {
             simulated: self.meta.simulated,
             payload_kg: self.meta.payload_kg,
             calibration: name_of(&self.meta.calibration),
-            units: self.units,
+            units: suspected_units(&self.beginning),
             provenance: Some(Provenance::of(&self.meta)),
             marks: self.marks,
         }

@@ -7,6 +7,7 @@ use arrow::compute::take;
 use rerun::StoreKind;
 use rerun::log::{Chunk, ChunkComponents, LogMsg};
 
+use super::columns::times;
 use super::error::BatchError;
 use super::index::{Batch, Index, Tables};
 use super::message::copied;
@@ -14,7 +15,6 @@ use super::reader::RecordingFile;
 use super::rolling::{Rolling, SegmentLimits};
 use super::rows::{marks_read, store_id};
 use super::schema::MessageKind;
-use super::snapshots::times;
 use super::writer::RecordingWriter;
 use crate::recording::{Mark, RecordingError, RecordingMeta, RecordingSummary, Selection};
 use crate::signal::Stamp;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use rerun::log::Chunk;
 
+use super::columns::Columns;
 use super::frames::{self, Frames, HEADER_BYTES, Place, SplitError, UNSYNCED_BYTES};
 use super::message::stated;
 use super::properties::Properties;
@@ -183,7 +184,7 @@ impl Index {
             log if schema::LOGS.contains(&log) => MessageKind::Log,
             _ => MessageKind::View,
         };
-        let times = super::snapshots::times(&chunk).unwrap_or_default();
+        let times = super::columns::times(&chunk).unwrap_or_default();
         if let Some(last) = times.iter().max() {
             self.add(kind, place, *last, times.len() as u64);
         }
@@ -274,14 +275,32 @@ impl<'a> Tables<'a> {
         batch: &Batch,
         work: impl FnOnce(Chunk) -> Result<T, String>,
     ) -> Result<Option<T>, RecordingError> {
+        let reader = self.reader(batch)?;
+        let Some(chunk) = reader.table(batch.place)? else {
+            return Ok(None);
+        };
+        reader.guarded(batch.place, || work(chunk)).map(Some)
+    }
+
+    /// What `work` makes of the columns of a batch that snapshots are made of; `None` where there is none.
+    pub(super) fn read_columns<T>(
+        &mut self,
+        batch: &Batch,
+        work: impl FnOnce(&Columns) -> Result<T, String>,
+    ) -> Result<Option<T>, RecordingError> {
+        let reader = self.reader(batch)?;
+        let Some(columns) = reader.columns(batch.place)? else {
+            return Ok(None);
+        };
+        reader.guarded(batch.place, || work(&columns)).map(Some)
+    }
+
+    fn reader(&mut self, batch: &Batch) -> Result<&mut MessageReader<'a>, RecordingError> {
         let reader = match self.open.take() {
             Some((segment, reader)) if segment == batch.segment => reader,
             _ => self.index.reader(batch.segment)?,
         };
         let (_, reader) = self.open.insert((batch.segment, reader));
-        let Some(chunk) = reader.table(batch.place)? else {
-            return Ok(None);
-        };
-        reader.guarded(batch.place, || work(chunk)).map(Some)
+        Ok(reader)
     }
 }

@@ -1,6 +1,7 @@
 //! Rerun recordings: the only user of the rerun crates.
 
 mod blueprint;
+mod columns;
 mod edit;
 mod error;
 mod frames;

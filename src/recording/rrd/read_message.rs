@@ -9,7 +9,8 @@ use rerun::StoreKind;
 use rerun::external::re_log_encoding::rrd::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
 
-use super::frames::{self, HEADER_BYTES, Place};
+use super::columns::Columns;
+use super::frames::{self, HEADER_BYTES, Place, StoreCode};
 use crate::recording::RecordingError;
 
 /// What reaches the disk as a whole, bytes.
@@ -46,12 +47,7 @@ impl<'a> MessageReader<'a> {
 
     /// The message at a place; `None` for one that is nothing to this program.
     pub(super) fn read(&mut self, place: Place) -> Result<Option<LogMsg>, RecordingError> {
-        let length = usize::try_from(place.length).unwrap_or(usize::MAX);
-        self.message.resize(length, 0);
-        self.file
-            .seek(SeekFrom::Start(place.offset))
-            .and_then(|_| self.file.read_exact(&mut self.message))
-            .map_err(RecordingError::io(self.path, "read"))?;
+        self.load(place)?;
         let fail = |text: String| corrupt(self.path, place.offset, text);
         // The decoder believes every length it meets: they are held against the bytes first.
         let table = frames::table(&self.message, self.budget, &mut self.unpacked);
@@ -71,6 +67,15 @@ impl<'a> MessageReader<'a> {
             Ok(Err(e)) => Err(fail(format!("the record cannot be read ({e})"))),
             Err(_) => Err(fail("the record is damaged".to_owned())),
         }
+    }
+
+    fn load(&mut self, place: Place) -> Result<(), RecordingError> {
+        let length = usize::try_from(place.length).unwrap_or(usize::MAX);
+        self.message.resize(length, 0);
+        self.file
+            .seek(SeekFrom::Start(place.offset))
+            .and_then(|_| self.file.read_exact(&mut self.message))
+            .map_err(RecordingError::io(self.path, "read"))
     }
 
     /// Whether a page that the message at a place lies on is empty, as one is that did not reach the disk. Within long stretches of
@@ -100,6 +105,27 @@ impl<'a> MessageReader<'a> {
                 }),
             _ => Ok(None),
         }
+    }
+
+    /// The columns at a place that snapshots are made of; `None` for anything else.
+    pub(super) fn columns(&mut self, place: Place) -> Result<Option<Columns>, RecordingError> {
+        self.load(place)?;
+        let mut unpacked = std::mem::take(&mut self.unpacked);
+        let table = frames::table(&self.message, self.budget, &mut unpacked);
+        let columns = match table.map_err(|text| corrupt(self.path, place.offset, text))? {
+            Some((StoreCode::Recording, bytes)) => {
+                self.guarded(place, || Columns::of_ipc(bytes))?
+            }
+            _ => None,
+        };
+        self.unpacked = unpacked;
+        if columns.is_some() {
+            return Ok(columns);
+        }
+        let Some(chunk) = self.table(place)? else {
+            return Ok(None);
+        };
+        self.guarded(place, || Columns::of_chunk(&chunk)).map(Some)
     }
 
     /// What `work` makes of a message, or the place where it is damaged.

@@ -2,23 +2,17 @@
 
 use arrow::array::{Array, AsArray, ListArray};
 use arrow::datatypes::{Float32Type, Float64Type, Int64Type, UInt32Type};
+use rerun::TextLog;
 use rerun::log::Chunk;
-use rerun::{ComponentIdentifier, TextLog, TimelineName};
 
-use super::schema::{self, COLUMNS, Kind, column};
+use super::columns::{Columns, times};
+use super::schema::{COLUMNS, Kind, column};
 use super::stored;
 use crate::recording::{RecordedEvent, RecordingMeta};
 use crate::signal::{
     Estimate, Goal, GroundTruth, Matrix6, PressureCommand, RawFrame, SIGNALS, SensorFrame,
     SensorRef, Snapshot, Stamp,
 };
-
-/// Times of a table on the session's timeline, ns; `None` for a table without.
-pub(super) fn times(chunk: &Chunk) -> Option<Vec<i64>> {
-    let timeline = TimelineName::try_new(schema::TIMELINE).ok()?;
-    let column = chunk.timelines().get(&timeline)?;
-    Some(column.times_raw().to_vec())
-}
 
 /// The values of a column, of whichever type.
 enum Values<'a> {
@@ -50,7 +44,7 @@ pub(super) struct Seen {
 
 /// The rows of one batch.
 pub(super) struct Rows<'a> {
-    times: Vec<i64>,
+    times: &'a [i64],
     columns: Vec<Option<Current<'a>>>,
 }
 
@@ -59,11 +53,8 @@ impl<'a> Rows<'a> {
     ///
     /// # Errors
     /// A sentence for a column of another type than it should have.
-    pub(super) fn of(chunk: &'a Chunk) -> Result<Self, String> {
-        let times = times(chunk).ok_or("a table without the session's time")?;
-        let columns = COLUMNS.iter().map(|spec| {
-            let component = ComponentIdentifier::from(spec.name);
-            let list = chunk.components().get_array(component);
+    pub(super) fn of(table: &'a Columns) -> Result<Self, String> {
+        let columns = COLUMNS.iter().zip(&table.lists).map(|(spec, list)| {
             let Some(list) = list else {
                 return Ok(None);
             };
@@ -94,7 +85,7 @@ impl<'a> Rows<'a> {
         });
         Ok(Self {
             columns: columns.collect::<Result<_, String>>()?,
-            times,
+            times: &table.times,
         })
     }
 

@@ -742,6 +742,32 @@ fn order_of_the_tables_does_not_matter() {
     std::fs::remove_file(path).unwrap();
 }
 
+/// Rerun converts what is not as this program writes it, at many times the cost: nothing of ours should need that.
+#[test]
+fn columns_are_read_as_they_lie_in_the_file() {
+    let path = temp("columns");
+    write(&path, &snapshots(250));
+    let bytes = std::fs::read(&path).unwrap();
+    let index = index::Index::open(&path).unwrap();
+    let mut reader = index.reader(0).unwrap();
+    assert!(index.data.len() > 1);
+    for batch in &index.data {
+        let place = batch.place;
+        let message = &bytes[place.offset as usize..place.end() as usize];
+        let mut unpacked = Vec::new();
+        let (_, table) = frames::table(message, 1 << 24, &mut unpacked)
+            .unwrap()
+            .unwrap();
+        let own = columns::Columns::of_ipc(table).unwrap().unwrap();
+        let chunk = reader.table(place).unwrap().unwrap();
+        let converted = columns::Columns::of_chunk(&chunk).unwrap();
+        assert_eq!(own.times, converted.times);
+        assert_eq!(own.lists, converted.lists);
+        assert!(own.times.len() as u64 == batch.rows && own.lists[0].is_some());
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
 #[test]
 fn reading_reports_how_far_it_is_and_can_be_given_up() {
     let path = temp("progress");

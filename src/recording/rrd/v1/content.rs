@@ -10,8 +10,9 @@ use rerun::{ComponentIdentifier, Scalars};
 
 use super::schema::{self as old, SPECS, table};
 use crate::recording::RecordedEvent;
+use crate::recording::rrd::columns::times;
 use crate::recording::rrd::schema;
-use crate::recording::rrd::snapshots::{events, times};
+use crate::recording::rrd::snapshots::events;
 use columns::{Rows, take_f64, take_i64};
 
 /// Tables whose scalars snapshots are made of.
