@@ -10,7 +10,7 @@ use serde_json::json;
 use springtwin::gap::{Commissioned, Patch, Traces};
 use springtwin::lab::commission::{beyond, kinds, patch_of};
 use springtwin::lab::gap_files::read_grids;
-use springtwin::lab::patches::{read_patch, robot_of, text_with};
+use springtwin::lab::patches::{read_patch, text_with};
 use springtwin::lab::search::{self, DISCOVERED, FOUND};
 use springtwin::recording::write_text;
 use springtwin::robot::without_last_patch;
@@ -243,12 +243,11 @@ pub fn revert_patch(robot: &Robot, out: Option<PathBuf>, overwrite: bool) -> PyR
         if let Some(out) = &out {
             free(out, overwrite)?;
         }
-        let text = without_last_patch(&robot.text)?.to_owned();
-        let spec = robot_of(&text)?;
+        let before = Robot::of(without_last_patch(&robot.text)?.to_owned(), None)?;
         if let Some(out) = &out {
-            write_text(out, &text)?;
+            write_text(out, &before.text)?;
         }
-        Ok(Robot { spec, text })
+        Ok(before)
     };
     work().map_err(refused)
 }

@@ -223,7 +223,7 @@ impl Robot {
     }
 
     /// The robot of a text, which comes from a file unless `path` is `None`.
-    fn of(text: String, path: Option<&Path>) -> anyhow::Result<Self> {
+    pub(crate) fn of(text: String, path: Option<&Path>) -> anyhow::Result<Self> {
         let spec = robot_of(&text);
         let spec = match path {
             None => spec?,
