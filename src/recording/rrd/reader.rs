@@ -19,10 +19,10 @@ use crate::signal::{Snapshot, Stamp, Trace};
 
 /// Batches that are read before progress is reported.
 const GROUP: usize = 64;
-/// Batches of a window: a quarter of a minute, 5 MB, which the processors' caches and the allocator keep from one window to the next.
-const WINDOW_BATCHES: usize = 24;
-/// Windows that are read at a time: while one is put together on one processor, another is decoded on all.
-const LANES: usize = 2;
+/// Batches of a window: half a minute, 9 MB, which the allocator keeps from one window to the next.
+const WINDOW_BATCHES: usize = 40;
+/// Windows that are read at a time, at most; no more than there are processors.
+const LANES_MAX: usize = 8;
 /// Where the description of a recording has come, bytes.
 const HEAD_BYTES: u64 = 1 << 18;
 /// A message of a log holds the lines of one batch; those of a batch are no further apart, ns.
@@ -125,7 +125,8 @@ impl RecordingFile {
     /// As [`RecordingFile::read`].
     pub fn first(&self) -> Result<Option<Stamp>, RecordingError> {
         let first = self.index.data.get(..1).unwrap_or_default();
-        let found = self.gather(first, &Selection::default(), &mut |_| true)?;
+        let whole = Selection::default();
+        let found = self.gather(first, &whole, Processors::One, &mut |_| true)?;
         Ok(found.snapshots.first().map(|s| s.stamp))
     }
 
@@ -147,7 +148,7 @@ impl RecordingFile {
             batches.get(batches.len().saturating_sub(2)..),
         ];
         for end in ends.into_iter().flatten() {
-            let read = self.gather(end, part, &mut |_| true)?;
+            let read = self.gather(end, part, Processors::One, &mut |_| true)?;
             if let Some((first, last)) = stamps(&read.snapshots) {
                 found = Some((found.map_or(first, |(first, _)| first), last));
             }
@@ -173,7 +174,7 @@ impl RecordingFile {
         }
         let batches = self.batches(selection);
         self.check_memory(&batches, selection)?;
-        let mut gathered = self.gather(&batches, selection, go_on)?;
+        let mut gathered = self.gather(&batches, selection, Processors::All, go_on)?;
         gathered.events = self.read_events(selection)?;
         if !go_on(1.0) {
             return Err(self.given_up());
@@ -186,7 +187,7 @@ impl RecordingFile {
         RecordingError::io(&self.path, "finish reading")(e)
     }
 
-    /// Reads what is selected in windows of a quarter of a minute, so that memory does not grow with the recording, and
+    /// Reads what is selected in windows of half a minute, so that memory does not grow with the recording, and
     /// reports the share that is done, 0..1. While `each` has one, the next ones are read on other threads. A recording of
     /// the first layout is one window.
     ///
@@ -217,18 +218,22 @@ impl RecordingFile {
         let windows = batches.len().div_ceil(batches_each);
         let part = |n: usize| n * batches_each..(n + 1) * batches_each;
         if windows == 1 {
-            each(self.window(&batches, part(0), selection, go_on)?);
+            let on = Processors::All;
+            each(self.window(&batches, part(0), selection, on, go_on)?);
             return Ok(());
         }
+        let processors = std::thread::available_parallelism().map_or(1, usize::from);
+        let count = processors.min(LANES_MAX).min(windows);
         std::thread::scope(|s| {
-            let mut lanes = Vec::with_capacity(LANES);
-            for lane in 0..LANES {
-                // Each lane holds one window that is not asked for yet. It ends once nobody will ask.
-                let (give, take) = std::sync::mpsc::sync_channel(0);
+            let mut lanes = Vec::with_capacity(count);
+            for lane in 0..count {
+                // Each lane holds two windows that are not asked for yet. It ends once nobody will ask.
+                let (give, take) = std::sync::mpsc::sync_channel(1);
                 let batches = &batches;
                 let read = move || {
-                    for n in (lane..windows).step_by(LANES) {
-                        let window = self.window(batches, part(n), selection, &mut |_| true);
+                    for n in (lane..windows).step_by(count) {
+                        let on = Processors::One;
+                        let window = self.window(batches, part(n), selection, on, &mut |_| true);
                         let failed = window.is_err();
                         if give.send(window).is_err() || failed {
                             return;
@@ -245,7 +250,7 @@ impl RecordingFile {
                     return Err(self.given_up());
                 }
                 // A lane is gone before its time only after a panic, which the scope passes on.
-                let window = lanes[n % LANES].recv().map_err(|_| self.given_up())?;
+                let window = lanes[n % count].recv().map_err(|_| self.given_up())?;
                 each(window?);
             }
             Ok(())
@@ -258,6 +263,7 @@ impl RecordingFile {
         batches: &[Batch],
         Range { start, end }: Range<usize>,
         selection: &Selection,
+        on: Processors,
         go_on: &mut dyn FnMut(f32) -> bool,
     ) -> Result<Window, RecordingError> {
         let end = end.min(batches.len());
@@ -275,9 +281,11 @@ impl RecordingFile {
             },
             ..*selection
         };
-        let mut core = self.gather(window, selection, &mut |done| go_on(share * done))?;
+        let mut core = self.gather(window, selection, on, &mut |done| go_on(share * done))?;
         let beside = |batch: Option<&Batch>| match batch {
-            Some(batch) => Ok(self.gather(&[*batch], selection, &mut |_| true)?.snapshots),
+            Some(batch) => Ok(self
+                .gather(&[*batch], selection, Processors::One, &mut |_| true)?
+                .snapshots),
             None => Ok(Vec::new()),
         };
         let before = beside(start.checked_sub(1).map(|i| &batches[i]))?;
@@ -297,11 +305,12 @@ impl RecordingFile {
             .collect()
     }
 
-    /// Reads batches on all processors.
+    /// Reads batches.
     fn gather(
         &self,
         batches: &[Batch],
         selection: &Selection,
+        on: Processors,
         go_on: &mut dyn FnMut(f32) -> bool,
     ) -> Result<Gathered, RecordingError> {
         let mut gathered = Gathered::default();
@@ -311,14 +320,22 @@ impl RecordingFile {
             gathered.snapshots.reserve(batches.iter().map(rows).sum());
         }
         let mut thinning = Thinning::new(selection.at_least_apart_s);
-        for (n, group) in batches.chunks(GROUP).enumerate() {
-            if !go_on((n * GROUP) as f32 / batches.len() as f32) {
+        let size = match on {
+            // What the processor's cache holds.
+            Processors::One => 4,
+            Processors::All => GROUP,
+        };
+        for (n, group) in batches.chunks(size).enumerate() {
+            if !go_on((n * size) as f32 / batches.len() as f32) {
                 return Err(self.given_up());
             }
-            let parts: Vec<Result<Found, RecordingError>> = group
-                .par_chunks(GROUP / 8)
-                .flat_map_iter(|part| self.decode(part, selection))
-                .collect();
+            let parts: Vec<Result<Found, RecordingError>> = match on {
+                Processors::One => self.decode(group, selection),
+                Processors::All => group
+                    .par_chunks(GROUP / 8)
+                    .flat_map_iter(|part| self.decode(part, selection))
+                    .collect(),
+            };
             for part in parts {
                 gathered.add(part?, &mut thinning);
             }
@@ -420,6 +437,15 @@ pub(in crate::recording) fn recording_id(path: &Path) -> Option<String> {
 /// As [`RecordingFile::read`].
 pub fn read_rrd(path: &Path) -> Result<ReadRecording, RecordingError> {
     RecordingFile::open(path)?.read(&Selection::default(), &mut |_| true)
+}
+
+/// On what batches are read.
+#[derive(Clone, Copy, Debug)]
+enum Processors {
+    /// The thread that asks.
+    One,
+    /// All of them.
+    All,
 }
 
 /// What one batch held.
