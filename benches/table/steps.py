@@ -99,7 +99,7 @@ def built(_) -> dict:
     program, note = PACKAGED, "as the package has it"
     if not (PACKAGED.exists() and PACKAGED.stat().st_mtime > source_changed_s()):
         program = PROGRAM
-        note = "as a release build leaves it; the package has it optimised as a whole (build it with `--profile dist` to have it here)"
+        note = "as a release build leaves it; the package has it optimised as a whole"
     return {"binary": Figure([program.stat().st_size / 2**20], note, source="")}
 
 
