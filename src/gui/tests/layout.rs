@@ -3,9 +3,10 @@
 //! Sizes are in points, as the window system counts them: a window of 1024 x 700 on a display of density 2
 //! has 2048 x 1400 pixels. The layout is made in points, so the density changes only what is rounded to
 //! pixels: the first state of every screen is looked at in every size with the densities 1, 1.5 and 2, every
-//! other state in every size with one of them in turn (with all of them, too, in `./test layouts`). Sizes in pixels are covered beside that where no fewer
-//! than 1024 x 660 points are left. In lesser windows, down to the smallest (900 x 560, `cli/window.rs`),
-//! screens are scrolled as a whole, and STOP is what must be whole (`scale.rs`).
+//! other state in every size with one of them in turn; `./test layouts` has all states with all of them. Sizes in
+//! pixels are covered beside that where no fewer than 1024 x 660 points are left. In lesser windows, down to the
+//! smallest (900 x 560, `cli/window.rs`), screens are scrolled as a whole, and STOP is what must be whole
+//! (`scale.rs`).
 
 mod audit;
 mod states;

@@ -57,11 +57,8 @@ impl Columns {
         else {
             return Ok(None);
         };
-        let stated = head.custom_metadata().into_iter().flatten();
-        let is_known = |pair: arrow::ipc::KeyValue<'_>| {
-            pair.key() == Some(VERSION_KEY) && pair.value() == Some(VERSION)
-        };
-        if !stated.into_iter().any(is_known) {
+        let mut stated = head.custom_metadata().into_iter().flatten();
+        if !stated.any(|pair| pair.key() == Some(VERSION_KEY) && pair.value() == Some(VERSION)) {
             return Ok(None);
         }
         let table = read_record_batch(
