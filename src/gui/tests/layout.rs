@@ -34,8 +34,7 @@ const IN_PIXELS: [([f32; 2], f32); 3] = [
 
 /// The windows in which the state with this number is looked at.
 fn windows(number: usize) -> Vec<([f32; 2], f32)> {
-    let is_wanted = |v: std::ffi::OsString| v == "every";
-    let every = number == 0 || std::env::var_os("SPRINGTWIN_LAYOUT").is_some_and(is_wanted);
+    let every = number == 0 || std::env::var_os("SPRINGTWIN_ALL_RUNS").is_some();
     let mut all: Vec<([f32; 2], f32)> = Vec::new();
     for (i, size) in SIZES.into_iter().enumerate() {
         match every {
